@@ -495,7 +495,8 @@ def _fewest(band: Band, most: int, seen: Callable[[Spectrum], Transfer]) -> tupl
     return fewer, BAND_SAFETY * error
 
 
-_OWN_WORDS = ("lens distortion", "curve of the rim", "field between places", "width of the bands")
+_OBLIQUE = "oblique light"
+_OWN_WORDS = ("curve of the rim", "field between places", "width of the bands")
 
 
 def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = None) -> tuple[str, ...]:
@@ -522,7 +523,12 @@ def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
     if plan is None:
         shift = "the shift through the gap off the axis is left out: every place is seen as the axis is"
         return [shift] if scene.gap_um and scene.field_um else []
-    rows = [row for row in plan.ingredients if not row.modelled and row.error and row.name not in _OWN_WORDS]
+    # The transfer knows nothing of it, whatever the plan does.
+    rows = [
+        row
+        for row in plan.ingredients
+        if row.error and row.name not in _OWN_WORDS and (row.name == _OBLIQUE or not row.modelled)
+    ]
     return [
         f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "
         f"{plan.accuracy:g}"
@@ -532,6 +538,12 @@ def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
 
 def _by_lens(scene: Scene) -> list[str]:
     sentences = []
+    if scene.projection is not None:
+        sentences.append(
+            f"the projection, {scene.projection.name}, is left out: photographs are compared as if rectified to f tan θ"
+        )
+    if scene.tilt_rad:
+        sentences.append("the panel's tilt is left out: it stands square to the axis in photographs")
     if scene.distortion is not None and scene.distortion.ratio:
         sentences.append(
             f"lens distortion of {scene.distortion.ratio:.2g} is left out: photographs are compared as if rectified, "

@@ -48,7 +48,7 @@ _MOST_ACROSS = 100
 _OF_DISPLAYS = ("emitters", "circuits", "wires")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
-_NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation", "tilt")
+_NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation", "projection", "tilt")
 """Keys of [scene] that openings are not compared by, and that are set aside before its plan."""
 
 
@@ -165,7 +165,7 @@ def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str
 
     defaults = {key: SceneSection.model_fields[key].default for key in _NOT_DESIGNED_FOR}
     camera, blank = spec.camera, UNSTATED if spec.plate is None else spec.plate.mask_blank
-    scene = Scene.of(spec.scene.model_copy(update=defaults), spec.curves, camera=camera, where=where).through(blank)
+    scene = Scene.of(spec.scene.model_copy(update=defaults), camera=camera, where=where).through(blank)
     room = lattice(section.dots, dot_nm, camera=PhotoCamera.of(camera, where=where), where=f"{where}: design.dots")
     try:
         return SceneConditions.planned(camera, scene, spec.scene.accuracy, first_shape(section), room)

@@ -443,7 +443,7 @@ class SceneSection(Section):
     field: FieldReach = 0.0
     """Largest image height, or angle off the axis such as "20 deg"."""
     projection: LensProjection = "f tan"
-    """Image height over the angle off the axis: "f tan", "f theta", or the path of a table angle_deg,height_um."""
+    """Image height over the angle off the axis: "f tan", "f theta", or a file of rows angle_deg,height_um."""
     tilt: Tilt = 0.0
     """Angle of the panel about y, such as "3 deg", its +x side away from the lens."""
     gap: LengthOrZero = 0.0

@@ -201,7 +201,7 @@ def few(monkeypatch):
     monkeypatch.setattr("maskfab.designs.design.scene_sets.bundled", lambda *_: (leaves(1),))
 
 
-ASKS_FOR_NOTHING = {"depth": ["inf", "inf"], "gap": "0 um", "field": "2 mm", "accuracy": "draft"}
+ASKS_FOR_NOTHING = {"depth": ["inf", "inf"], "gap": "0 um", "field": "0 mm", "accuracy": "draft"}
 
 
 @pytest.mark.usefixtures("few")

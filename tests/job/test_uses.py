@@ -135,6 +135,7 @@ OTHERS = {
     "scene.gap": '"0.08 mm"', "scene.aberrations": "[[7, 0.03]]", "scene.saturation": "true",
     "scene.distortion": '{ ratio = 0.02, height = "2 mm" }', "scene.spectrum": '"lines"',
     "scene.illuminant": '"3000 K"',
+    "scene.projection": '"f theta"', "scene.tilt": '"2 deg"',
     "sensor.full_well": "5000.0", "sensor.read_noise": "10.0", "sensor.bits": "8", "sensor.black_level": "200",
     "sensor.mosaic": '"rggb"', "sensor.gain": "2.0", "sensor.iso": None, "sensor.base_iso": "100.0",
     "sensor.max_gain": "2.0", "sensor.converter_noise": "9.0", "sensor.banding": "2.0",

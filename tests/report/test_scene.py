@@ -30,9 +30,13 @@ def die(mask: np.ndarray = MASK, turns: np.ndarray = RANDOM, centre_nm: tuple[in
     return Die("D", "d", panel, centre_nm, 700_000)
 
 
-def measured(scene: Scene, accuracy: float, subject: Die | None = None, camera: Camera = CAMERA) -> SceneOptics:
+def measured(
+    scene: Scene, accuracy: float, subject: Die | None = None, camera: Camera = CAMERA, *, oblique: bool = True
+) -> SceneOptics:
     subject = subject or die()
     plan = scene_plan(subject, camera, scene, accuracy, "job.toml")
+    if not oblique:
+        plan = replace(plan, choice=replace(plan.choice, oblique=False))
     return measure_scene(subject, camera, scene, panel_aperture(subject.panel), plan)
 
 
@@ -49,10 +53,24 @@ def test_a_scene_that_asks_for_nothing_changes_nothing():
     assert set(numbers) == {"scene_psf_change", "plan_error", "plan_error_measured", "nearest_object"}
 
 
-def test_a_field_without_a_gap_has_no_views():
-    found = measured(Scene(field_um=500.0), 1e-2)
+def test_a_field_that_is_too_small_to_tell_has_no_views():
+    found = measured(Scene(field_um=20.0), 1e-2)
     assert found.field == ()
     assert told(found)["scene_psf_change"] < 1e-2
+
+
+def test_views_tell_their_angle_their_light_and_their_mtf():
+    found = measured(Scene(field_um=CAMERA.focal_um * math.tan(math.radians(30.0))), 1e-3)
+    corner, edge, centre = found.field[0][0], found.field[2][4], found.field[2][2]
+    assert (corner.angle_deg, centre.angle_deg, centre.illumination) == (pytest.approx(30.0), 0.0, pytest.approx(1.0))
+    assert corner.illumination == pytest.approx(math.cos(math.radians(30.0)) ** 4)
+    assert edge.angle_deg == pytest.approx(math.degrees(math.atan(math.tan(math.radians(30.0)) / math.sqrt(2))))
+    assert corner.residual > 0.01
+    # Along the radius the stop is cos³ as wide to the sensor, across it cos.
+    worst = max((found.field[y][x] for y in (0, 4) for x in (0, 4)), key=lambda view: view.residual)
+    assert told(found)["field_mtf_tangential"] == worst.mtf_tangential < centre.mtf_tangential
+    (row,) = (each for each in found.quantities if each.name == "field_residual")
+    assert "30 degrees off the axis, where an even scene is 0.562 as bright" in row.method
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +101,8 @@ def test_what_the_plan_leaves_out_is_measured_within_its_estimate(behind_gap):
 
 
 def test_twice_the_gap_at_half_the_height_moves_the_shadow_as_far():
-    """Where diffraction is left out, gap times height is all that counts."""
-    shorter, longer = (measured(Scene(gap_um=60.0 * n, field_um=3000.0 / n), 0.4) for n in (1, 2))
+    """Where diffraction and the light's angle are left out, gap times height is all that counts."""
+    shorter, longer = (measured(Scene(gap_um=60.0 * n, field_um=3000.0 / n), 0.4, oblique=False) for n in (1, 2))
     assert not shorter.plan.choice.diffraction
     assert not longer.plan.choice.diffraction
     assert shorter.field
@@ -93,9 +111,9 @@ def test_twice_the_gap_at_half_the_height_moves_the_shadow_as_far():
             assert a.residual == pytest.approx(b.residual, rel=1e-6, abs=1e-12)
 
 
-def test_a_longer_shift_leaves_more_blur(behind_gap):
-    short = measured(Scene(gap_um=40.0, field_um=3000.0), 0.3)
-    assert told(short)["field_residual"] < told(behind_gap)["field_residual"]
+def test_a_longer_shift_leaves_more_blur():
+    short, long = (measured(Scene(gap_um=gap, field_um=3000.0), 0.4, oblique=False) for gap in (40.0, 60.0))
+    assert told(short)["field_residual"] < told(long)["field_residual"]
 
 
 def test_where_the_focus_is_near_the_far_end_is_the_worse():

@@ -78,7 +78,7 @@ def test_a_figure_that_is_missing_is_explained(run, seen):
     assert "the plan leaves defocus out" in page(run, (plain,), {})
     asked = replace(plain.scene, gap_um=0.0, nearest_um=plain.scene.farthest_um)
     text = page(run, (replace(plain, scene=asked),), {})
-    assert "without a gap between panel and stop, and without a distortion of the lens, every place" in text
+    assert "the oblique light out, for an error of" in text
     bent = replace(plain, scene=replace(asked, distortion=Distortion(-0.02, 2000.0)))
     assert "-0.02 of the image height at 2 mm" in page(run, (bent,), {})
     assert "objects in focus only" in text

@@ -71,7 +71,7 @@ _SAMPLES = 4
 """For each dot, over whose finest waves a panel shows what comes through a gap."""
 
 
-_NOT_OF_SCENE = ("curve of the rim", "the layout itself")
+_NOT_OF_SCENE = ("curve of the rim", "the layout itself", "oblique light")
 
 
 _MIDDLE = 1
@@ -119,7 +119,7 @@ def cells_across(camera: Camera, scene: Scene, room: CellGrid) -> int:
     """Cells along a panel that covers the stop from every place, with room for light that a gap spreads; even or odd as
     those of ``room`` are.
     """
-    moved = max(shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
+    moved = max(shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))
     finest = room.dot_um / _SAMPLES
     spread = min(scene.gap_um, gap_guard_um(scene.gap_um, max(camera.wavelengths_nm), finest))
     return room.cells + 2 * math.ceil((moved + spread) / (room.dots * room.dot_um))
@@ -187,7 +187,7 @@ class SceneConditions:
         """Places of a photograph, each with its share; the axis first."""
         if self.plan.choice.places == 1:
             return ((AXIS, 1.0),)
-        reach = _AT * self.scene.field_um
+        reach = _AT * self.scene.widest_um
         return tuple(((reach * x, reach * y), share) for (x, y), share in _FIELD)
 
     def __iter__(self) -> Iterator[Condition]:

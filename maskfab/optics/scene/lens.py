@@ -143,6 +143,7 @@ class Projection:
     Attributes:
         focal_um: f.
         angles_rad, heights_um: of the rows, ascending, above 0; θ(r) is the odd cubic spline through them.
+        name: "f theta", or "a table".
 
     Raises:
         JobError: MF104 for rows that do not rise, a spline that turns back between them, or one of another focal length
@@ -152,6 +153,7 @@ class Projection:
     focal_um: float
     angles_rad: tuple[float, ...]
     heights_um: tuple[float, ...]
+    name: str = "a table"
 
     def __post_init__(self) -> None:
         rises = all(np.diff(ends, prepend=0.0).min() > 0 for ends in (self.angles_rad, self.heights_um))
@@ -173,7 +175,7 @@ class Projection:
     def even(cls, focal_um: float) -> Projection:
         """Heights f θ."""
         angles = tuple(float(share * _STEEPEST_RAD) for share in (0.25, 0.5, 0.75, 1.0))
-        return cls(focal_um, angles, tuple(focal_um * angle for angle in angles))
+        return cls(focal_um, angles, tuple(focal_um * angle for angle in angles), "f theta")
 
     @cached_property
     def _curve(self) -> scipy.interpolate.CubicSpline:
@@ -249,7 +251,7 @@ class Lens:
         return float(sx), float(sy)
 
     def footprint(self, stop: Stop, slopes: tuple[float, float], gap_um: float) -> Footprint:
-        """What light of slopes towards the sensor meets of the panel.
+        """The part of the panel that light of slopes towards the sensor meets inside the stop.
 
         Raises:
             JobError: MF104 for an annulus that is sheared, which a tilt does off the x axis.

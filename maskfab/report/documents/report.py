@@ -146,6 +146,8 @@ class _Asked(Part):
     gap_um: float
     aberrations: list[Pair]
     distortion: _Distortion = optional()
+    projection: str = optional()
+    tilt_deg: float = optional()
     saturation: bool
     bands: list[_Band]
 
@@ -186,6 +188,10 @@ class _View(Part):
     wavelength_nm: float
     change: float
     residual: float
+    angle_deg: float
+    illumination: float
+    mtf_tangential: float
+    mtf_sagittal: float
 
 
 class _Scene(Part):
@@ -401,6 +407,8 @@ def _scene(optics: SceneOptics) -> Document:
         accuracy=optics.plan.accuracy,
         **{key: _distance(getattr(scene, key)) for key in ("nearest_um", "farthest_um", "focus_um")},
         distortion=None if distortion is None else asdict(distortion),
+        projection=scene.projection and scene.projection.name,
+        tilt_deg=math.degrees(scene.tilt_rad) or None,
         bands=[{"name": band.name, "low_nm": band.range_nm[0], "high_nm": band.range_nm[1]} for band in scene.bands],
     )
     return _Scene.document(

@@ -190,6 +190,10 @@ def _asked(asked: Record) -> list[tuple[str, str]]:
     if "distortion" in asked:
         ratio, height = asked["distortion"]["ratio"], asked["distortion"]["height_um"] / UM_PER_MM
         said.append(("Distortion", f"{ratio:+.3g} of the image height at {short(height)} mm"))
+    if "projection" in asked:
+        said.append(("Projection", asked["projection"]))
+    if "tilt_deg" in asked:
+        said.append(("Tilt", f"panel {short(asked['tilt_deg'])} degrees about y, its +x side away from the lens"))
     if asked["bands"]:
         bands = ", ".join(f"{band['name']} {band['low_nm']:g} to {band['high_nm']:g} nm" for band in asked["bands"])
         said.append(("Light", bands))
@@ -227,13 +231,8 @@ def _not_shown(scene: Record) -> list[str]:
     if not scene["field"]:
         if not asked["field_um"]:
             reasons.append("No PSFs over the field: the scene asks for the axis only.")
-        elif not (asked["gap_um"] or asked.get("distortion", {}).get("ratio")):
-            reasons.append(
-                "No PSFs over the field: without a gap between panel and stop, and without a distortion of the lens, "
-                "every place on the sensor has one PSF."
-            )
         else:
-            causes = ("shift through the gap", "lens distortion")
+            causes = ("shift through the gap", "oblique light")
             left = ", and ".join(
                 f"the {cause} out, for an error of {rounded(errors[cause], 2)}" for cause in causes if errors[cause]
             )

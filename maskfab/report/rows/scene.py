@@ -22,7 +22,8 @@ from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics import metrics
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.optics.metrics import NOISE_TO_SIGNAL, relative_difference
-from maskfab.optics.psf import pixel_psf, point_psf
+from maskfab.optics.phase import image_distance_um
+from maskfab.optics.psf import pixel_psf, point_psf, within
 from maskfab.optics.pupil import Aperture, cut
 from maskfab.optics.scene.model_bar import rows_of, scene_bar
 from maskfab.optics.scene.omissions import PLACES
@@ -53,6 +54,10 @@ class PointView:
         change: relative L2 distance of ``psf`` from that of the axis in focus.
         left: float64 [n, n], the PSF after Wiener deblurring with that of the axis in focus, on pixels.
         residual: relative L2 distance of ``left`` from what deblurring leaves of the axis in focus itself.
+        angle_deg: of its light off the axis.
+        illumination: light there of an even scene, by that on the axis, through the stop alone.
+        mtf_tangential, mtf_sagittal: presampled, at a quarter of a cycle per pixel.
+        mtf_error: bound of the error of both, the energy outside the window.
     """
 
     image_um: Place
@@ -61,6 +66,11 @@ class PointView:
     change: float
     left: Floats
     residual: float
+    angle_deg: float
+    illumination: float
+    mtf_tangential: float
+    mtf_sagittal: float
+    mtf_error: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "left", frozen(self.left))
@@ -218,6 +228,14 @@ class _Shown:
         points = self.psf(self.middle_nm, image_um, away, plan=everywhere, margin=self.plan.pixel_margin)
         pixels = pixel_psf(points, self.camera)
         chosen = centre or pixels
+        scale = self.scene.focus_um if self.plan.choice.scale else math.inf
+        lens = self.scene.lens(self.camera, image_distance_um(self.camera.focal_um, scale))
+        frequency, azimuth = np.array([0.25 / self.camera.pixel_um]), math.atan2(image_um[1], image_um[0])
+        mtf = {}
+        for chosen_cut in (tangential_cut, sagittal_cut):
+            nu = chosen_cut(frequency, azimuth)
+            values, outside = window_modulation(within(points, self.camera), *nu)
+            mtf[chosen_cut] = float((values * pixel_transfer(self.camera, *nu))[0])
         return PointView(
             image_um,
             object_um,
@@ -225,6 +243,11 @@ class _Shown:
             relative_difference(pixels, chosen),
             residual_blur(pixels, chosen, NOISE_TO_SIGNAL),
             deblurring_residual(pixels, chosen, NOISE_TO_SIGNAL) if centre else 0.0,
+            math.degrees(math.atan(math.hypot(*lens.slopes_at(image_um)))),
+            lens.illumination(image_um),
+            mtf[tangential_cut],
+            mtf[sagittal_cut],
+            outside,
         )
 
     def over_field(self) -> tuple[tuple[PointView, ...], ...]:
@@ -307,24 +330,23 @@ class _Shown:
         if field:
             worst = max((field[y][x] for y in (0, -1) for x in (0, -1)), key=lambda view: view.residual)
             x, y = (1e-3 * coordinate for coordinate in worst.image_um)
-            where = f"at ({x:.3g}, {y:.3g}) mm on the sensor, the worst corner"
+            where = (
+                f"at ({x:.3g}, {y:.3g}) mm on the sensor, the worst corner, {worst.angle_deg:.3g} degrees off the "
+                f"axis, where an even scene is {worst.illumination:.3g} as bright"
+            )
             yield self._left("field_residual", worst, f"{where},")
             yield from self._modulations(worst, where)
 
     def _modulations(self, view: PointView, where: str) -> Iterable[Quantity]:
         """The tangential and sagittal MTF off the axis, half-way to the highest frequency that pixels hold."""
-        frequency = 0.25 / self.camera.pixel_um
-        points = self.psf(view.psf.wavelength_nm, view.image_um)
-        azimuth = math.atan2(view.image_um[1], view.image_um[0])
-        for name, across, chosen in (("tangential", "along", tangential_cut), ("sagittal", "across", sagittal_cut)):
-            nu = chosen(np.array([frequency]), azimuth)
-            values, outside = window_modulation(points, *nu)
+        frequency = UM_PER_MM * 0.25 / self.camera.pixel_um
+        for name, across in (("tangential", "along"), ("sagittal", "across")):
             yield Quantity(
                 f"field_mtf_{name}",
-                float((values * pixel_transfer(self.camera, *nu))[0]),
-                f"presampled MTF at 0.25 cy/pixel ({UM_PER_MM * frequency:g} cy/mm) {across} the radius, {where}; "
+                getattr(view, f"mtf_{name}"),
+                f"presampled MTF at 0.25 cy/pixel ({frequency:g} cy/mm) {across} the radius, {where}; "
                 "transform of the point PSF, its error no more than the energy outside the window",
-                uncertainty=outside,
+                uncertainty=view.mtf_error,
                 die=self.die.name,
                 wavelength_nm=view.psf.wavelength_nm,
             )
