@@ -36,7 +36,7 @@ from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.camera.imaging import Isoplanatic, Transfer
 from maskfab.camera.lens import COLOURS
 from maskfab.job.camera import Camera, Stop
-from maskfab.job.process import MaskBlank
+from maskfab.job.process import Glass, MaskBlank
 from maskfab.optics.gap import (
     AXIS,
     AmplitudeLags,
@@ -179,8 +179,8 @@ class StopView:
 
     def _field(self, line_nm: float, times: int) -> StopField:
         return stop_field(
-            self.openings, self.camera, line_nm, self.gap_um, self.image_um, times,
-            waves=self._waves(line_nm), distance_um=self._distance_um,
+            self.openings, self.camera, line_nm, self._seen[0], self.image_um, times,
+            waves=self._waves(line_nm), distance_um=self._distance_um, glass=self._seen[1],
         )  # fmt: skip
 
     @cached_property
@@ -193,7 +193,11 @@ class StopView:
 
     @property
     def _moved_um(self) -> Place:
-        return shift_um(self.camera, self.gap_um, self.image_um, self._distance_um)
+        return shift_um(self.camera, self._seen[0], self.image_um, self._distance_um)
+
+    @property
+    def _seen(self) -> tuple[float, Glass | None]:
+        return self.scene.seen(math.hypot(*self.image_um) / self._distance_um, self.gap_um)
 
     def _waves(self, line_nm: float) -> Waves | None:
         return phase_waves(self.choice, self.camera, self.scene, line_nm, self.object_um)

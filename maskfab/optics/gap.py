@@ -1,13 +1,14 @@
 """A panel at some distance in front of the stop: light from the side meets other openings, and spreads on the way.
 
-A plane wave towards the image point (x, y) has slopes (x, y) / f. Over a gap g it carries the shadow of the openings
-sideways by g (x, y) / f, and diffraction multiplies the openings' spectrum at q by
+A plane wave towards the image point (x, y) under f tan θ has slopes (x, y) / f. Over a gap g it carries the shadow of
+the openings sideways by g (x, y) / f, and diffraction multiplies the openings' spectrum at q by
 
     H(q) = exp(2πi g [w(q + q0) - w(q0) - q·∇w(q0)]),   w(q) = sqrt(1/λ² - q²),   q0 = (x, y) / (λ sqrt(f² + x² + y²)),
 
 the angular spectrum's transfer (Goodman, Fourier Optics, 3.10) without the carrier and the shift, which are taken out
-exactly. It is sampled without aliasing up to 1 / (λ sqrt(1 + (2g/L)²)) per axis on a period L (K. Matsushima,
-T. Shimobaba, Opt. Express 17, 19662, 2009), and is zero beyond.
+exactly. Glass of index n has w(q) = sqrt(n²/λ² - q²), and its own factor beside the air's. H is sampled without aliasing
+up to 1 / (λ sqrt(1 + (2g/L)²)) per axis on a period L (K. Matsushima, T. Shimobaba, Opt. Express 17, 19662, 2009), and
+is zero beyond.
 
 What the gap changes. A free wave's far field only changes in phase; the PSF changes because the stop cuts the wave
 after the gap. By reciprocity the field at q is that of the openings under the stop moved by -λ g q, its edge blurred to
@@ -15,9 +16,9 @@ sqrt(λg). So the yardstick is λ g q / D and sqrt(λ g) / D, not the dot's Fres
 whether the shadow in the stop's plane still looks like the openings (above 1) or not (below).
 
 Notes:
-    Regimes: scalar light, thin opaque mask, openings wider than about a wavelength. The stop is not foreshortened and
-    the lens obeys x = f tan θ, so angles up to about 20°, where cos θ is 0.94. Without H (`shifted_pupil` alone) the
-    gap is geometrical optics, with the error of :func:`maskfab.optics.gap.gap_error`.
+    Regimes: scalar light, thin opaque mask, openings wider than about a wavelength. PSFs are over even steps of sin θ,
+    which :mod:`maskfab.optics.scene.lens` brings to places on the sensor. Without H (`shifted_pupil` alone) the gap is
+    geometrical optics, with the error of :func:`maskfab.optics.gap.gap_error`.
     All functions but :func:`magnified` take the wave that meets the panel as plane: an object at infinity.
     A panel that ends inside the light that reaches the stop is taken as opaque beyond its edge.
 
@@ -50,6 +51,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Glass
 from maskfab.optics.field.matrix import PreparedField, direct_field, fold, slim_term
 from maskfab.optics.field.waves import point_sources
 from maskfab.optics.lags import correlated, dot_blocks
@@ -180,6 +182,7 @@ def gap_psf(
     *,
     waves: Waves | None = None,
     distance_um: float | None = None,
+    glass: Glass | None = None,
     margin: int = 0,
 ) -> Psf:
     """Point PSF about an image point, the gap as shift and diffraction.
@@ -191,6 +194,7 @@ def gap_psf(
         samples_per_dot: how finely the stop's plane is sampled; twice as many cut the error by about three.
         waves: phase in the stop's plane, the axis at its origin; none if None.
         distance_um: from lens to sensor; the focal length if None.
+        glass: part of the gap; light on its way to the image walks as far over it as over ``gap_um`` of air in all.
         margin: points beyond the window.
 
     Raises:
@@ -200,7 +204,8 @@ def gap_psf(
     """
     distance = camera.focal_um if distance_um is None else distance_um
     behind = stop_field(
-        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, waves=waves, distance_um=distance
+        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot,
+        waves=waves, distance_um=distance, glass=glass,
     )  # fmt: skip
     middle = behind.amplitude.shape[0]
     place = behind.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
@@ -222,6 +227,7 @@ def stop_field(
     *,
     waves: Waves | None = None,
     distance_um: float | None = None,
+    glass: Glass | None = None,
 ) -> StopField:
     """The amplitude behind the stop of light on its way to an image point; arguments and errors as for
     :func:`gap_psf`.
@@ -230,7 +236,7 @@ def stop_field(
     moved = shift_um(camera, gap_um, image_um, distance)
     check_cover(openings, camera.stop, moved)
     sample, stop, before, after = _cut_fields(
-        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance
+        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance, glass
     )
     still = cut(moved_aperture(openings, moved, camera.stop.diameter_um / 2), camera.stop).energy_um2
     energy = still + sample**2 * (_power(after, stop) - _power(before, stop))
@@ -279,6 +285,7 @@ def _cut_fields(
     samples_per_dot: int,
     moved: Place,
     distance: float,
+    glass: Glass | None = None,
 ) -> tuple[float, Floats, Complexes, Complexes]:
     """Distance of samples, the stop on them, and the amplitude behind it without the gap's diffraction and with it."""
     wavelength, radius = wavelength_nm * UM_PER_NM, camera.stop.diameter_um / 2
@@ -299,7 +306,7 @@ def _cut_fields(
         raise JobError("MF115", f"the gap needs {count} x {count} samples", cure="Ask for fewer per dot")
     stop = _sampled_stop(camera.stop, sample)
     spectrum = _spectrum(aperture, samples_per_dot, count)
-    transfer = _transfer(wavelength, carrier, gap_um, sample, count)
+    transfer = _transfer(wavelength, carrier, gap_um, sample, count, glass)
     middle = stop.shape[0]
     before, after = (_in_stop_plane(part, sample, middle) * stop for part in (spectrum, spectrum * transfer))
     return sample, stop, before, after
@@ -383,7 +390,12 @@ def _folded(values: Floats, size: int) -> Floats:
 
 
 def _transfer(
-    wavelength: float, carrier: tuple[float, float, float], gap_um: float, sample: float, count: int
+    wavelength: float,
+    carrier: tuple[float, float, float],
+    gap_um: float,
+    sample: float,
+    count: int,
+    glass: Glass | None = None,
 ) -> Complexes:
     """H at the frequencies of :func:`_spectrum`."""
     across, up, size = carrier
@@ -394,11 +406,25 @@ def _transfer(
         q, place = q[: count // 2 + 1], np.minimum(place, count - place)
     limit = 1 / (wavelength * math.sqrt(1 + (2 * gap_um / (sample * count)) ** 2))
     u, v = q[None, :], q[:, None]
-    straight = math.sqrt(1 / wavelength**2 - size**2)
-    along = np.sqrt(np.clip(1 / wavelength**2 - (u + across) ** 2 - (v + up) ** 2, 0, None))
-    path = along - straight + (u * across + v * up) / straight
-    found = np.where((abs(u) <= limit) & (abs(v) <= limit), np.exp(2j * np.pi * gap_um * path), 0.0)
+    layers = [(gap_um, 1.0)]
+    if glass is not None:
+        slope = wavelength * size / math.sqrt(1 - (wavelength * size) ** 2)
+        layers = [(gap_um - glass_as_air_um(glass, slope), 1.0), (glass.thickness_um, glass.index)]
+    path = np.zeros((q.size, q.size))
+    for thickness, index in layers:
+        straight = math.sqrt((index / wavelength) ** 2 - size**2)
+        along = np.sqrt(np.clip((index / wavelength) ** 2 - (u + across) ** 2 - (v + up) ** 2, 0, None))
+        path += thickness * (along - straight + (u * across + v * up) / straight)
+    found = np.where((abs(u) <= limit) & (abs(v) <= limit), np.exp(2j * np.pi * path), 0.0)
     return found[np.ix_(place, place)] if size == 0 else found
+
+
+def glass_as_air_um(glass: Glass, slope: float) -> float:
+    """The air over which light of that tan θ walks as far sideways as through glass, by Snell's law.
+
+    Glass of index n and thickness b counts as b / sqrt(n² + (n² - 1) tan² θ): b / n on the axis.
+    """
+    return glass.thickness_um / math.sqrt(glass.index**2 + (glass.index**2 - 1) * slope**2)
 
 
 def _sampled_stop(stop: Stop, sample: float) -> Floats:

@@ -15,12 +15,15 @@ from sweeps import sweep
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel, Psf
 from maskfab.job.camera import Camera, Stop
+from maskfab.job.process import Glass
+from maskfab.optics import gap
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.gap import (
     AXIS,
     common_share,
     gap_error,
     gap_psf,
+    glass_as_air_um,
     magnified,
     moved_aperture,
     moved_pupil,
@@ -352,3 +355,25 @@ def test_a_shifted_pupil_keeps_its_stop_where_coarse_dots_need_more_of_the_rim()
     shifted = shifted_pupil(panel_aperture(laid_out), Stop("circle", 1000.0), moved)
     found = np.sqrt(parity_field(shifted, u, u).intensity())
     assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
+
+
+def test_glass_in_a_gap_has_its_own_phase_and_walk() -> None:
+    """H from w = sqrt(n²/λ² - q²) of either layer, without carrier and shift; of index 1 it is the air's."""
+    wavelength, sample, count, air, thickness, index = 0.53, 2.0, 40, 30.0, 80.0, 1.5
+    across, up = 0.3 / wavelength, -0.45 / wavelength
+    size = math.hypot(across, up)
+    slope = wavelength * size / math.sqrt(1 - (wavelength * size) ** 2)
+    glass = Glass(thickness, index, "away")
+    sine = wavelength * size / index
+    walk = thickness * sine / math.sqrt(1 - sine**2)
+    assert glass_as_air_um(glass, slope) * slope == pytest.approx(walk)
+    found = gap._transfer(wavelength, (across, up, size), air + glass_as_air_um(glass, slope), sample, count, glass)
+    u, v = np.meshgrid(*2 * [np.fft.fftfreq(count, sample)])
+    phase = (u * across + v * up) / size * (air * slope + walk)
+    for depth, n in ((air, 1.0), (thickness, index)):
+        squares = ((u + across) ** 2 + (v + up) ** 2, size**2)
+        phase = phase + depth * np.subtract(*(np.sqrt((n / wavelength) ** 2 - square) for square in squares))
+    assert abs(found - np.exp(2j * np.pi * phase)).max() < 1e-9
+    thin = replace(glass, index=1.0)
+    same = [gap._transfer(wavelength, (across, up, size), air + thickness, sample, count, g) for g in (thin, None)]
+    np.testing.assert_allclose(*same, atol=1e-9)

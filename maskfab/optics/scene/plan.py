@@ -421,8 +421,8 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
         raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")
     refuse_steep(camera, scene, panel.dot_nm / NM_PER_UM)
     # The openings must cover the stop from the corner of the field too.
-    gap, farthest = scene.gap_at(scene.widest_um / camera.focal_um, scene.gap_um), scene.widest_um
-    moved = shift_um(camera, gap, (farthest, farthest))
+    farthest = scene.widest_um
+    moved = shift_um(camera, scene.seen(farthest / camera.focal_um, scene.gap_um)[0], (farthest, farthest))
     if moved[0]:
         moved_pupil(panel_aperture(panel), camera.stop, moved)
     sampled = sampling_camera(camera, scene)

@@ -211,7 +211,7 @@ def _in_directions(
     once; window, samples and footprint are those of the camera ``sampled``."""
     choice, distance, slopes = plan.choice, lens.distance_um, _slopes(place, lens.distance_um)
     openings, gap_um = magnified(openings, scene.gap_um, modelled_distance_um(choice, scene, object_um))
-    gap_um = scene.gap_at(math.hypot(*slopes), gap_um)
+    gap_um, glass = scene.seen(math.hypot(*slopes), gap_um)
     seen = lens.footprint(camera.stop, slopes, gap_um)
 
     def waves(line: float) -> Waves | None:
@@ -221,7 +221,8 @@ def _in_directions(
     if choice.path == SPECTRUM:
         for line in wavelengths_nm:
             yield gap_psf(
-                openings, sampled, line, gap_um, place, choice.samples_per_dot, waves=waves(line), distance_um=distance
+                openings, sampled, line, gap_um, place, choice.samples_per_dot,
+                waves=waves(line), distance_um=distance, glass=glass,
             )  # fmt: skip
         return
     step = point_step_um(sampled)

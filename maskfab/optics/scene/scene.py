@@ -14,6 +14,7 @@ from maskfab.job.camera import Camera
 from maskfab.job.process import Glass, MaskBlank
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import angle_deg
+from maskfab.optics.gap import glass_as_air_um
 from maskfab.optics.phase import Wavefront, image_distance_um
 from maskfab.optics.response import black_body, camera_bands, generic_rgb, numeric_table, parse_curves
 from maskfab.optics.scene.lens import Distortion, Lens, Projection
@@ -97,19 +98,16 @@ class Scene:
         away = camera.focal_um if distance_um is None else distance_um
         return Lens(camera.focal_um, away, self.projection or self.distortion, self.tilt_rad)
 
-    def gap_at(self, slope: float, gap_um: float) -> float:
-        """The air over which light of that tan θ walks as far sideways as over the gap: less of it than on the axis.
-
-        By Snell's law glass of index n and thickness b counts as b / sqrt(n² + (n² - 1) tan² θ), b / n on the axis.
+    def seen(self, slope: float, gap_um: float) -> tuple[float, Glass | None]:
+        """The air over which light of that tan θ walks as far sideways as over the gap, and what of that is glass.
 
         Args:
-            gap_um: of the scene, or as :func:`maskfab.optics.gap.magnified` has it.
+            gap_um: of the scene, or as :func:`maskfab.optics.gap.magnified` has it; its glass is stretched alike.
         """
         if self.glass is None:
-            return gap_um
-        index, thickness = self.glass.index, self.glass.thickness_um
-        lost = thickness / index - thickness / math.sqrt(index**2 + (index**2 - 1) * slope**2)
-        return gap_um * (1 - lost / self.gap_um)
+            return gap_um, None
+        glass = replace(self.glass, thickness_um=self.glass.thickness_um * gap_um / self.gap_um)
+        return gap_um - glass.gap_um + glass_as_air_um(glass, slope), glass
 
     def slope(self, camera: Camera) -> float:
         """tan θ of the light from the edge of the field."""
