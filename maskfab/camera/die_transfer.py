@@ -527,12 +527,9 @@ def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
     if plan is None:
         shift = "the shift through the gap off the axis is left out: every place is seen as the axis is"
         return [shift] if scene.gap_um and scene.field_um else []
-    # The transfer knows nothing of it, whatever the plan does.
-    rows = [
-        row
-        for row in plan.ingredients
-        if row.error and row.name not in _OWN_WORDS and (row.name == _OBLIQUE or not row.modelled)
-    ]
+    # The transfer knows nothing of oblique light, whatever the plan does.
+    out = (row for row in plan.ingredients if row.name == _OBLIQUE or not row.modelled)
+    rows = [row for row in out if row.error and row.name not in _OWN_WORDS]
     return [
         f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "
         f"{plan.accuracy:g}"

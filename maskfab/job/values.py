@@ -491,21 +491,12 @@ MOST_FIELD_DEG, MOST_TILT_DEG = 75.0, 10.0
 _DEGREES = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:deg|°)\s*")
 
 
-def angle_deg(value: object) -> float:
-    """Degrees of an angle such as ``"60 deg"``. Raises JobError MF103 without that unit."""
+def angle_deg(value: object, lowest: float = -MOST_FIELD_DEG, highest: float = MOST_FIELD_DEG) -> float:
+    """Degrees of an angle such as ``"60 deg"``. Raises JobError MF103 without that unit, MF104 out of range."""
     match = _DEGREES.fullmatch(value) if isinstance(value, str) else None
     if match is None:
         raise JobError("MF103", f"{value!r} is not an angle with its unit", cure='Write it as "20 deg"')
-    return float(f"{float(match[1]):.15g}")
-
-
-def angle_text(value: float) -> str:
-    """Degrees as a job file writes them."""
-    return f"{value:.15g} deg"
-
-
-def _angle(value: object, lowest: float, highest: float) -> float:
-    angle = angle_deg(value)
+    angle = float(f"{float(match[1]):.15g}")
     if not lowest <= angle <= highest:
         what = f"{value!r} is outside {lowest:g} to {highest:g} degrees, where the optics are proved"
         raise JobError("MF104", what, cure=f'Give an angle within, such as "{highest:g} deg"')
@@ -514,9 +505,9 @@ def _angle(value: object, lowest: float, highest: float) -> float:
 
 def _field(value: object) -> float | str:
     """Micrometres of a largest image height, or an angle off the axis as text."""
-    if not (isinstance(value, str) and _DEGREES.fullmatch(value)):
-        return length_um(value, zero_allowed=True)
-    return angle_text(_angle(value, 0.0, MOST_FIELD_DEG))
+    if isinstance(value, str) and _DEGREES.fullmatch(value):
+        return f"{angle_deg(value, 0.0):.15g} deg"
+    return length_um(value, zero_allowed=True)
 
 
 def _field_text(value: float | str) -> str:
@@ -564,7 +555,9 @@ Illuminant = Annotated[
 ]
 FieldReach = Annotated[float | str, parsed(_field), PlainSerializer(_field_text)]
 LensProjection = Annotated[str, parsed(_projected)]
-Tilt = Annotated[float, parsed(_angle, lowest=-MOST_TILT_DEG, highest=MOST_TILT_DEG), PlainSerializer(angle_text)]
+Tilt = Annotated[
+    float, parsed(angle_deg, lowest=-MOST_TILT_DEG, highest=MOST_TILT_DEG), PlainSerializer(lambda v: f"{v:.15g} deg")
+]
 """Degrees."""
 Distance = Annotated[float, parsed(_distance), PlainSerializer(distance_text)]
 Depth = Annotated[tuple[float, float], parsed(_depth), PlainSerializer(lambda v: [*map(distance_text, v)])]

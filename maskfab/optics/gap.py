@@ -6,9 +6,9 @@ the openings sideways by g (x, y) / f, and diffraction multiplies the openings' 
     H(q) = exp(2πi g [w(q + q0) - w(q0) - q·∇w(q0)]),   w(q) = sqrt(1/λ² - q²),   q0 = (x, y) / (λ sqrt(f² + x² + y²)),
 
 the angular spectrum's transfer (Goodman, Fourier Optics, 3.10) without the carrier and the shift, which are taken out
-exactly. Glass of index n has w(q) = sqrt(n²/λ² - q²), and its own factor beside the air's. H is sampled without aliasing
-up to 1 / (λ sqrt(1 + (2g/L)²)) per axis on a period L (K. Matsushima, T. Shimobaba, Opt. Express 17, 19662, 2009), and
-is zero beyond.
+exactly. Glass of index n has w(q) = sqrt(n²/λ² - q²) and its own factor. H is sampled without aliasing up to
+1 / (λ sqrt(1 + (2g/L)²)) per axis on a period L (K. Matsushima, T. Shimobaba, Opt. Express 17, 19662, 2009); it is 0
+beyond.
 
 What the gap changes. A free wave's far field only changes in phase; the PSF changes because the stop cuts the wave
 after the gap. By reciprocity the field at q is that of the openings under the stop moved by -λ g q, its edge blurred to

@@ -36,9 +36,9 @@ from maskfab.optics.gap import (
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import image_distance_um, phased, phased_psf, window_frequency
 from maskfab.optics.psf import point_psf
-from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.pupil import Aperture, cut, panel_aperture
 from maskfab.optics.scene.plan import cost_model
-from maskfab.optics.scene.point_images import deblurring_residual, field_places, psf_over_field, residual_blur
+from maskfab.optics.scene.point_images import deblurring_residual, field_places, residual_blur
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop import Waves
 from maskfab.optics.tilings import mean_psf
@@ -271,9 +271,9 @@ def test_the_panel_must_cover_the_stop() -> None:
     for call in (shifted_psf, gap_psf):
         with pytest.raises(JobError, match="MF114"):
             call(panel_aperture(laid_out), setting, LINE, 500.0, (800.0, 0.0))
-    for gap in (-1.0, math.nan, math.inf):
+    for gap_um in (-1.0, math.nan, math.inf):
         with pytest.raises(JobError, match="MF104"):
-            shifted_psf(panel_aperture(laid_out), setting, LINE, gap, AXIS)
+            shifted_psf(panel_aperture(laid_out), setting, LINE, gap_um, AXIS)
     with pytest.raises(JobError, match="MF115"):
         gap_psf(panel_aperture(laid_out), setting, LINE, 10.0, AXIS, 64)
     with pytest.raises(JobError, match="MF115"):
@@ -287,12 +287,16 @@ def test_the_grid_over_the_field_and_its_residual() -> None:
     places = field_places(1000.0, 3)
     assert places[0][0] == (-1000.0, -1000.0)
     assert places[1][1] == AXIS
-    grid = psf_over_field(panel_aperture(laid_out), setting, LINE, 400.0, places)
+
+    def seen(openings: Aperture) -> list[list[Psf]]:
+        return [[shifted_psf(openings, setting, LINE, 400.0, place) for place in row] for row in places]
+
+    grid = seen(panel_aperture(laid_out))
     centre = grid[1][1]
     assert deblurring_residual(centre, centre, 0.015) == 0
     residuals = [deblurring_residual(each, centre, 0.015) for row in grid for each in row if each is not centre]
     assert min(residuals) > 0.02
-    periodic = psf_over_field(panel_aperture(stripes(6, seed=None)), setting, LINE, 400.0, places)
+    periodic = seen(panel_aperture(stripes(6, seed=None)))
     ordered = [deblurring_residual(each, periodic[1][1], 0.015) for row in periodic for each in row]
     assert np.mean(ordered) < np.mean(residuals)
 

@@ -164,9 +164,7 @@ class Projection:
             if float(slope([*slope.x, *turns]).min()) <= 0:
                 problem = "turns back between its rows"
             elif abs(float(slope(0.0)) * self.focal_um - 1) > _FOCAL_SLACK:
-                problem = (
-                    f"is of a focal length of {1 / float(slope(0.0)):.5g} um on the axis, not {self.focal_um:g} um"
-                )
+                problem = f"is of a focal length of {1 / slope(0.0):.5g} um on the axis, not {self.focal_um:g} um"
         if problem:
             cure = "Give rows of angle and height of this lens, both rising from above 0 to the edge of the field"
             raise JobError("MF104", f"the projection {problem}", where="scene.projection", cure=cure)
@@ -328,10 +326,8 @@ class SensorWindow:
         """The window of 2 half + 1 samples along a side. Raises JobError MF104 where the lens has no picture."""
         offset = step_um * np.arange(-half, half + 1, dtype=np.float64)
         across, up, area = lens.directions(*np.meshgrid(image_um[0] + offset, image_um[1] + offset))
-        away = lens.distance_um
-        return cls(
-            away * (across - across[half, half]), away * (up - up[half, half]), 1 / (away**2 * area)
-        )  # fmt: skip
+        x, y = (lens.distance_um * (cosine - cosine[half, half]) for cosine in (across, up))
+        return cls(x, y, 1 / (lens.distance_um**2 * area))
 
     def half(self, step_um: float) -> int:
         """Samples of that step on either side of the middle that the window takes of a PSF."""

@@ -174,7 +174,9 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     pilots = ReadyPupil.of(pupil, sampled).psfs()
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     phase = scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
-    asks = scene.gap_um or phase
+    # A tilted panel lies in front of the stop and behind it, as far as it is tilted.
+    gap_um = scene.gap_um + abs(math.sin(scene.tilt_rad)) * camera.stop.diameter_um / 2
+    asks = gap_um or phase
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))
 
@@ -184,7 +186,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
 
     lens_moves = abs(scene.steepest_um - scene.field_um)
     turned = _shift(means, openings(), pupil, sampled, scene, lens_moves).error if moved and lens_moves else 0.0
-    blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
+    blur = math.sqrt(UM_PER_NM * max(ends) * gap_um)
     shift = NOTHING
     places: Mapping[int, float] = {PLACES[0]: 0.0}
     if moved:
@@ -202,7 +204,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
         ),
         oblique=_oblique(panel, pupil, pilots, sampled, scene, turned),
         shift=shift,
-        diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
+        diffraction=_diffraction(means, crowding, sampled, gap_um) if gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
         layout=_layout(means) if means else None,
         pilot=pilots[0],

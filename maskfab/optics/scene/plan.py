@@ -446,23 +446,16 @@ def refuse_steep(camera: Camera, scene: Scene, dot_um: float) -> None:
         JobError: MF104.
     """
     slope = scene.slope(camera)
-    angle, walls = math.atan(slope), ASSUMED_FILM_UM * slope
-    what = cure = ""
-    if angle > math.radians(MOST_FIELD_DEG) * (1 + 1e-9):
-        what = f"a field of {math.degrees(angle):.4g} degrees is beyond {MOST_FIELD_DEG:g}, where the optics are proved"
-        cure = f'Ask for a field of at most "{MOST_FIELD_DEG:g} deg"'
-    elif walls > _MOST_WALLS * dot_um:
-        what = (
-            f"at {math.degrees(angle):.4g} degrees the walls of a film of {ASSUMED_FILM_UM:g} um shade {walls:.3g} um, "
-            f"more than {_MOST_WALLS * dot_um:.3g} um, a tenth of a dot"
-        )
-        cure = f'Use dots of {walls / _MOST_WALLS:.2g} um or more, or a field of at most "{_walled(dot_um):.3g} deg"'
-    if what:
+    degrees, shade, most = math.degrees(math.atan(slope)), ASSUMED_FILM_UM * slope, _MOST_WALLS * dot_um
+    limit = min(MOST_FIELD_DEG, math.degrees(math.atan(most / ASSUMED_FILM_UM)))
+    if degrees > limit * (1 + 1e-9):
+        what = f"a field of {degrees:.4g} degrees is beyond {limit:.3g}, where the optics are proved"
+        if shade > most:
+            what += (
+                f": walls of a film of {ASSUMED_FILM_UM:g} um shade {shade:.3g} um of a dot there, of {most:g} at most"
+            )
+        cure = f'Ask for a field of at most "{limit:.3g} deg"'
         raise JobError("MF104", what, where="scene.field", cure=cure)
-
-
-def _walled(dot_um: float) -> float:
-    return math.degrees(math.atan(_MOST_WALLS * dot_um / ASSUMED_FILM_UM))
 
 
 def _reach_um(sampled: Camera, scene: Scene, oblique: bool) -> Floats:

@@ -30,7 +30,7 @@ from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
-from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shifted_psf, shifted_pupil
+from maskfab.optics.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shifted_pupil
 from maskfab.optics.phase import image_distance_um, phased, phased_psf, window_frequency
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture
@@ -186,14 +186,10 @@ def _psfs(
     lens = scene.lens(camera, distance)
     sx, sy = lens.slopes_at(image_um)
     place = nearest_place(plan.choice, scene, (sx * distance, sy * distance))
-    stop = lens.footprint(camera.stop, _slopes(place, distance), 0.0).stop
+    stop = lens.footprint(camera.stop, (place[0] / distance, place[1] / distance), 0.0).stop
     window = SensorWindow.about(lens, image_um, step, half)
     for psf in through(window.camera(sampled, stop), place, lens):
         yield window.of(psf, step)
-
-
-def _slopes(place: Place, distance: float) -> Place:
-    return place[0] / distance, place[1] / distance
 
 
 def _in_directions(
@@ -209,7 +205,8 @@ def _in_directions(
 ) -> Iterator[Psf]:
     """PSFs at lines over even samples of direction cosines about those of a place under f tan θ, the pupil made ready
     once; window, samples and footprint are those of the camera ``sampled``."""
-    choice, distance, slopes = plan.choice, lens.distance_um, _slopes(place, lens.distance_um)
+    choice, distance = plan.choice, lens.distance_um
+    slopes = place[0] / distance, place[1] / distance
     openings, gap_um = magnified(openings, scene.gap_um, modelled_distance_um(choice, scene, object_um))
     gap_um, glass = scene.seen(math.hypot(*slopes), gap_um)
     seen = lens.footprint(camera.stop, slopes, gap_um)
@@ -296,17 +293,6 @@ def field_places(reach_um: float, points: int = 5) -> tuple[tuple[Place, ...], .
     """Image points on a square grid from -reach to reach, [y][x]; odd ``points`` have one on the axis."""
     across = np.linspace(-reach_um, reach_um, points)
     return tuple(tuple((float(x), float(y)) for x in across) for y in across)
-
-
-def psf_over_field(
-    openings: Aperture, camera: Camera, wavelength_nm: float, gap_um: float, places: tuple[tuple[Place, ...], ...]
-) -> tuple[tuple[Psf, ...], ...]:
-    """Point PSFs at image points, the gap as a shift; in the order of ``places``.
-
-    Raises:
-        JobError: MF104 for a gap that is no distance, MF114 if the panel does not cover the stop from every point.
-    """
-    return tuple(tuple(shifted_psf(openings, camera, wavelength_nm, gap_um, place) for place in row) for row in places)
 
 
 def residual_blur(psf: Psf, centre: Psf, noise_to_signal: float) -> Floats:

@@ -78,13 +78,17 @@ class Scene:
         if section is None:
             return cls()
         near, far = section.depth
-        projection = _projection(section.projection, curves, camera, where)
+        focal_um = math.nan if camera is None else camera.focal_um
+        if camera is None and (section.projection != "f tan" or isinstance(section.field, str)):
+            what = "a field angle or a projection of a lens of which nothing is known"
+            raise JobError("MF105", what, where=where, cure="Give the camera too, or an image height")
+        projection = _projection(section.projection, curves, focal_um, where)
         scene = cls(
             near, far, section.focus, 0.0, section.gap, section.aberrations, section.saturation,
             _bands(section, curves, where), section.distortion and Distortion(*section.distortion),
             projection, math.radians(section.tilt),
         )  # fmt: skip
-        return replace(scene, field_um=_height_um(section.field, scene, camera, where))
+        return replace(scene, field_um=_height_um(section.field, scene, focal_um))
 
     def through(self, blank: MaskBlank) -> Scene:
         """The scene behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
@@ -110,8 +114,8 @@ class Scene:
         return gap_um - glass.gap_um + glass_as_air_um(glass, slope), glass
 
     def slope(self, camera: Camera) -> float:
-        """tan θ of the light from the edge of the field."""
-        return self.lens(camera).slopes_at((self.field_um, 0.0))[0]
+        """tan θ of the light from the edge of the field, in focus."""
+        return self.lens(camera, image_distance_um(camera.focal_um, self.focus_um)).slopes_at((self.field_um, 0.0))[0]
 
     @property
     def differs_off_axis(self) -> bool:
@@ -134,23 +138,21 @@ class Scene:
         return Wavefront(self.aberrations, camera.wavelengths_nm[0])
 
 
-def _height_um(field: float | str, scene: Scene, camera: Camera | None, where: str) -> float:
+def _height_um(field: float | str, scene: Scene, focal_um: float) -> float:
     """Largest image height of a field that a job states as such, or as an angle."""
     if not isinstance(field, str):
         return field
-    angle, distance = math.radians(angle_deg(field)), image_distance_um(_known(camera, where).focal_um, scene.focus_um)
+    angle, distance = math.radians(angle_deg(field)), image_distance_um(focal_um, scene.focus_um)
     if scene.projection is not None:
-        return scene.projection.height_at(angle) * distance / scene.projection.focal_um
+        return scene.projection.height_at(angle) * distance / focal_um
     height = np.array(distance * math.tan(angle))
     return float(height if scene.distortion is None else scene.distortion.displaced(height, np.zeros(()))[0])
 
 
-def _projection(stated: str, curves: Mapping[str, str], camera: Camera | None, where: str) -> Projection | None:
-    if stated == "f tan":
-        return None
-    focal_um, place = _known(camera, where).focal_um, f"{where}: scene.projection".removeprefix(": ")
-    if stated == "f theta":
-        return Projection.even(focal_um)
+def _projection(stated: str, curves: Mapping[str, str], focal_um: float, where: str) -> Projection | None:
+    if stated in ("f tan", "f theta"):
+        return Projection.even(focal_um) if stated == "f theta" else None
+    place = f"{where}: scene.projection".removeprefix(": ")
     header, rows = numeric_table(_text(stated, curves, place), f"{place}: {stated}", ("angle_deg",))
     if header != ["angle_deg", "height_um"]:
         what = f"the table's columns are {', '.join(header)}"
@@ -160,13 +162,6 @@ def _projection(stated: str, curves: Mapping[str, str], camera: Camera | None, w
         return Projection(focal_um, tuple(np.radians(angles).tolist()), tuple(heights.tolist()))
     except JobError as error:
         raise JobError(error.code, error.what, where=f"{place}: {stated}", cure=error.cure) from None
-
-
-def _known(camera: Camera | None, where: str) -> Camera:
-    if camera is None:
-        what = "a field angle or a projection of a lens of which nothing is known"
-        raise JobError("MF105", what, where=where, cure="Give the camera too, or an image height")
-    return camera
 
 
 def _bands(section: SceneSection, curves: Mapping[str, str], where: str) -> tuple[Band, ...]:
