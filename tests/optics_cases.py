@@ -10,6 +10,7 @@ from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import parity_field
+from maskfab.optics.gap import shift_um, shifted_pupil
 from maskfab.optics.hard_cases import clear_region, noise
 from maskfab.optics.hard_cases import example_camera as camera
 from maskfab.optics.hard_cases import example_panel as panel
@@ -23,7 +24,7 @@ from maskfab.optics.phase import (
     phased_psf,
     window_frequency,
 )
-from maskfab.optics.psf import odd_samples, point_step_um
+from maskfab.optics.psf import odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Pupil
 
 __all__ = [
@@ -115,3 +116,8 @@ def aberrated_psf(
     """
     highest = window_frequency(camera, wavelength_nm)
     return phased_psf(aberrated(pupil, wavefront, wavelength_nm, highest, tolerance), camera, wavelength_nm)
+
+
+def shifted_psf(openings, camera, wavelength_nm, gap_um, image_um=(0.0, 0.0)):
+    """Point PSF about an image point, the gap as a shift of the openings only."""
+    return point_psf(shifted_pupil(openings, camera.stop, shift_um(camera, gap_um, image_um)), camera, wavelength_nm)

@@ -514,17 +514,10 @@ def _field_text(value: float | str) -> str:
     return value if isinstance(value, str) else um_text(value)
 
 
-def _projected(value: object) -> str:
-    if not isinstance(value, str) or not (value in ("f tan", "f theta") or is_table(value)):
-        what = f"{value!r} is not a projection"
-        raise JobError("MF105", what, cure='Use "f tan", "f theta" or a file such as "lens.csv"')
-    return value
-
-
-def _spectrum(value: object) -> str:
-    if not isinstance(value, str) or not (value in ("lines", "rgb") or is_table(value)):
-        what = f"{value!r} is not a spectrum"
-        raise JobError("MF105", what, cure='Use "lines", "rgb" or a file such as "camera.csv"')
+def _word_or_table(value: object, noun: str, words: tuple[str, str], example: str) -> str:
+    if not isinstance(value, str) or not (value in words or is_table(value)):
+        what = f"{value!r} is not a {noun}"
+        raise JobError("MF105", what, cure=f'Use "{words[0]}", "{words[1]}" or a file such as "{example}"')
     return value
 
 
@@ -547,14 +540,16 @@ def _illuminant(value: object) -> str | float:
     return kelvins
 
 
-Spectrum = Annotated[str, parsed(_spectrum)]
+Spectrum = Annotated[str, parsed(_word_or_table, noun="spectrum", words=("lines", "rgb"), example="camera.csv")]
 Illuminant = Annotated[
     str | float,
     parsed(_illuminant),
     PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
 ]
 FieldReach = Annotated[float | str, parsed(_field), PlainSerializer(_field_text)]
-LensProjection = Annotated[str, parsed(_projected)]
+LensProjection = Annotated[
+    str, parsed(_word_or_table, noun="projection", words=("f tan", "f theta"), example="lens.csv")
+]
 Tilt = Annotated[
     float, parsed(angle_deg, lowest=-MOST_TILT_DEG, highest=MOST_TILT_DEG), PlainSerializer(lambda v: f"{v:.15g} deg")
 ]

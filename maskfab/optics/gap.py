@@ -55,7 +55,7 @@ from maskfab.job.process import Glass
 from maskfab.optics.field.matrix import PreparedField, direct_field, fold, slim_term
 from maskfab.optics.field.waves import point_sources
 from maskfab.optics.lags import correlated, dot_blocks
-from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um, psf_norm_um6
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, share_inside
 from maskfab.optics.stop import Waves, edge_points, perimeter_um, widest_um
 from maskfab.optics.tilings import MeanPsf, decorrelation_error
@@ -161,15 +161,6 @@ def magnified(openings: Aperture, gap_um: float, object_um: float) -> tuple[Aper
         for axis in (openings.x, openings.y)
     )
     return replace(openings, x=x, y=y), factor * gap_um
-
-
-def shifted_psf(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um: float, image_um: Place = AXIS) -> Psf:
-    """Point PSF about an image point, the gap as a shift of the openings only.
-
-    Raises:
-        JobError: MF104 for a gap that is no distance, MF114 if the openings do not cover the stop from there.
-    """
-    return point_psf(shifted_pupil(openings, camera.stop, shift_um(camera, gap_um, image_um)), camera, wavelength_nm)
 
 
 def gap_psf(
@@ -395,7 +386,7 @@ def _transfer(
     gap_um: float,
     sample: float,
     count: int,
-    glass: Glass | None = None,
+    glass: Glass | None,
 ) -> Complexes:
     """H at the frequencies of :func:`_spectrum`."""
     across, up, size = carrier
@@ -642,7 +633,7 @@ def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -
         Measured at stops of 300 to 600 um, gaps up to 1 mm: the truth is 0.15 to 2.2 times the estimate. It is less
         where the shift is much shorter than the pitch, because the strip that is new is then not independent of the
         cell it belongs to; it is more for dense openings, because the repeating part changes too. Where a factor of
-        three decides, compute :func:`maskfab.optics.gap.shifted_psf`: it costs one PSF.
+        three decides, compute the PSF of :func:`maskfab.optics.gap.shifted_pupil`.
     """
     moved = math.hypot(*shift_um(camera, gap_um, image_um))
     if camera.stop.shape == "circle":

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from optics.scene_cases import DENSE, SPARSE, case
-from optics_cases import noise
+from optics_cases import noise, shifted_psf
 
 from maskfab.base.errors import JobError
-from maskfab.optics.gap import shifted_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
 from maskfab.optics.scene.lens import Distortion, Lens, SensorWindow

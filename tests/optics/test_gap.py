@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
-from optics_cases import camera, focused_psf, noise, panel, pupil
+from optics_cases import camera, focused_psf, noise, panel, pupil, shifted_psf
 from scipy.special import fresnel
 from sweeps import sweep
 
@@ -30,7 +30,6 @@ from maskfab.optics.gap import (
     share_across_gap,
     shift_error,
     shift_um,
-    shifted_psf,
     shifted_pupil,
 )
 from maskfab.optics.metrics import relative_difference

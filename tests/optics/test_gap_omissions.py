@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
-from optics_cases import camera, noise, panel, pupil
+from optics_cases import camera, noise, panel, pupil, shifted_psf
 from scipy.special import fresnel
 
 from maskfab.base.model import Opening, Panel, Psf, Tiling
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.panels import hexagonal_sheet
-from maskfab.optics.gap import gap_psf, moved_pupil, rim_crowding, shifted_psf
+from maskfab.optics.gap import gap_psf, moved_pupil, rim_crowding
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import defocus_waves, phased, phased_psf, window_frequency
 from maskfab.optics.psf import point_psf

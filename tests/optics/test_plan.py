@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from optics.scene_cases import CASES, RGB, Case, case, planned, priced
-from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil
+from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil, shifted_psf
 from sweeps import examples, sweep
 
 from maskfab.base import resources
@@ -21,7 +21,7 @@ from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening_file import load_opening
 from maskfab.optics import psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
-from maskfab.optics.gap import gap_psf, shifted_psf
+from maskfab.optics.gap import gap_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import defocus_waves
 from maskfab.optics.psf import ReadyPupil, image_scale_um2, odd_samples, point_psf, point_step_um

@@ -174,8 +174,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estima
     pilots = ReadyPupil.of(pupil, sampled).psfs()
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     phase = scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
-    # A tilted panel lies in front of the stop and behind it, as far as it is tilted.
-    gap_um = scene.gap_um + abs(math.sin(scene.tilt_rad)) * camera.stop.diameter_um / 2
+    # A tilted panel lies in front of the stop and behind it: its rim, where that tells, by 2/π of the most in the mean.
+    gap_um = scene.gap_um + abs(math.sin(scene.tilt_rad)) * camera.stop.diameter_um / math.pi
     asks = gap_um or phase
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))

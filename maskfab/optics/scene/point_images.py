@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import scipy
@@ -162,50 +161,18 @@ def nearest_place(choice: Choice, scene: Scene, image_um: Place) -> Place:
 
 
 def _psfs(
-    openings: Aperture,
-    camera: Camera,
-    scene: Scene,
-    plan: Plan,
-    wavelengths_nm: Sequence[float],
-    *,
-    image_um: Place,
-    object_um: float | None,
-    margin: int,
-) -> Iterator[Psf]:
+    openings: Aperture, camera: Camera, scene: Scene, plan: Plan, wavelengths_nm: Sequence[float], *,
+    image_um: Place, object_um: float | None, margin: int,
+) -> Iterator[Psf]:  # fmt: skip
     """PSFs at lines on the plan's samples, where their light lands if that is modelled."""
     sampled = sampling_camera(camera, scene)
     _check(sampled, scene, plan, min(wavelengths_nm), image_um, object_um)
-    step = point_step_um(sampled)
-    distance = image_distance_um(camera.focal_um, scene.focus_um if plan.choice.scale else math.inf)
-    through = partial(_in_directions, openings, camera, scene, plan, wavelengths_nm, object_um)
+    step, choice = point_step_um(sampled), plan.choice
     half = odd_samples(camera.window_um, step) // 2 + margin
-    if not plan.choice.oblique:
-        place = nearest_place(plan.choice, scene, image_um)
-        yield from through(replace(sampled, window_um=(2 * half + 1) * step), place, Lens(camera.focal_um, distance))
-        return
-    lens = scene.lens(camera, distance)
+    distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
+    lens = scene.lens(camera, distance) if choice.oblique else Lens(camera.focal_um, distance)
     sx, sy = lens.slopes_at(image_um)
-    place = nearest_place(plan.choice, scene, (sx * distance, sy * distance))
-    stop = lens.footprint(camera.stop, (place[0] / distance, place[1] / distance), 0.0).stop
-    window = SensorWindow.about(lens, image_um, step, half)
-    for psf in through(window.camera(sampled, stop), place, lens):
-        yield window.of(psf, step)
-
-
-def _in_directions(
-    openings: Aperture,
-    camera: Camera,
-    scene: Scene,
-    plan: Plan,
-    wavelengths_nm: Sequence[float],
-    object_um: float | None,
-    sampled: Camera,
-    place: Place,
-    lens: Lens,
-) -> Iterator[Psf]:
-    """PSFs at lines over even samples of direction cosines about those of a place under f tan θ, the pupil made ready
-    once; window, samples and footprint are those of the camera ``sampled``."""
-    choice, distance = plan.choice, lens.distance_um
+    place = nearest_place(choice, scene, (distance * sx, distance * sy))
     slopes = place[0] / distance, place[1] / distance
     openings, gap_um = magnified(openings, scene.gap_um, modelled_distance_um(choice, scene, object_um))
     gap_um, glass = scene.seen(math.hypot(*slopes), gap_um)
@@ -215,34 +182,45 @@ def _in_directions(
         stated = phase_waves(choice, camera, scene, line, object_um)
         return stated and seen.waves(stated)
 
-    if choice.path == SPECTRUM:
+    def even(sampled: Camera) -> Iterator[Psf]:
+        """Over even samples of direction cosines about the place's, the pupil made ready once."""
+        if choice.path == SPECTRUM:
+            for line in wavelengths_nm:
+                yield gap_psf(
+                    openings, sampled, line, gap_um, place, choice.samples_per_dot,
+                    waves=waves(line), distance_um=distance, glass=glass,
+                )  # fmt: skip
+            return
+        reach = point_step_um(sampled) * np.arange(
+            odd_samples(sampled.window_um, point_step_um(sampled)) // 2 + 1, dtype=np.float64
+        )
+        if choice.path == PHASED:
+            pupil = moved_pupil(openings, seen.stop, seen.moved_um)
+            for line in wavelengths_nm:
+                highest = float(reach[-1]) / (line * UM_PER_NM * distance)
+                highest = max(highest, window_frequency(sampled, line, distance))
+                source = phased(pupil, waves(line) or _flat, highest, plan.phase_tolerance)
+                yield phased_psf(source, sampled, line, distance_um=distance)
+            return
+        exact = shifted_pupil(openings, seen.stop, seen.moved_um)
+        pupil = grey(exact) if choice.grey_rim else exact
+        widest = float(reach[-1]) / (min(wavelengths_nm) * UM_PER_NM * distance)
+        ready: dict[str, Prepared] = {}
         for line in wavelengths_nm:
-            yield gap_psf(
-                openings, sampled, line, gap_um, place, choice.samples_per_dot,
-                waves=waves(line), distance_um=distance, glass=glass,
-            )  # fmt: skip
+            scale = image_scale_um2(camera, line, distance)
+            frequency = reach / scale
+            path = _path(choice, FieldTask.of(pupil, frequency, frequency))
+            if path.name not in ready:
+                ready[path.name] = path.prepare(pupil, widest, widest, choice.precision)
+            intensity = np.asarray(ready[path.name].field(frequency, frequency).intensity(), dtype=np.float64)
+            yield Psf(intensity / psf_norm_um6(scale, pupil.energy_um2), point_step_um(sampled), line, "point")
+
+    if not choice.oblique:
+        yield from even(replace(sampled, window_um=(2 * half + 1) * step))
         return
-    step = point_step_um(sampled)
-    reach = step * np.arange(odd_samples(sampled.window_um, step) // 2 + 1, dtype=np.float64)
-    if choice.path == PHASED:
-        pupil = moved_pupil(openings, seen.stop, seen.moved_um)
-        for line in wavelengths_nm:
-            highest = max(float(reach[-1]) / (line * UM_PER_NM * distance), window_frequency(sampled, line, distance))
-            source = phased(pupil, waves(line) or _flat, highest, plan.phase_tolerance)
-            yield phased_psf(source, sampled, line, distance_um=distance)
-        return
-    exact = shifted_pupil(openings, seen.stop, seen.moved_um)
-    pupil = grey(exact) if choice.grey_rim else exact
-    widest = float(reach[-1]) / (min(wavelengths_nm) * UM_PER_NM * distance)
-    ready: dict[str, Prepared] = {}
-    for line in wavelengths_nm:
-        scale = image_scale_um2(camera, line, distance)
-        frequency = reach / scale
-        path = _path(choice, FieldTask.of(pupil, frequency, frequency))
-        if path.name not in ready:
-            ready[path.name] = path.prepare(pupil, widest, widest, choice.precision)
-        intensity = np.asarray(ready[path.name].field(frequency, frequency).intensity(), dtype=np.float64)
-        yield Psf(intensity / psf_norm_um6(scale, pupil.energy_um2), step, line, "point")
+    window = SensorWindow.about(lens, image_um, step, half)
+    for psf in even(window.camera(sampled, seen.stop)):
+        yield window.of(psf, step)
 
 
 def _path(choice: Choice, task: FieldTask) -> FieldPath:
