@@ -162,7 +162,7 @@ def _scene_s(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: 
     """The plan's price is that of the whole scene; a report shows some of its PSFs, and one by the fullest model."""
     choice, side = plan.choice, camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     depths = len({scene.nearest_um, scene.focus_um, scene.farthest_um}) if choice.defocus else 0
-    off_axis = scene.differs_off_axis and (choice.places > 1 or choice.oblique)
+    off_axis = scene.field_um > 0 and (choice.places > 1 or choice.oblique)
     of_bands = plan.wavelengths if scene.bands else 0
     fuller = plan.fullest.samples_per_dot / choice.samples_per_dot if choice.samples_per_dot else 1.0
     shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
@@ -281,7 +281,7 @@ FINDINGS: tuple[Finding, ...] = (
         ("report.rows.scene.measure_scene",),
         sweep="runs.sweep_cases.scene",
         gives=("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
-        rows="plan_error_measured field_mtf_* nearest_object",
+        rows="plan_error_measured field_mtf_* field_restored_loss nearest_object",
         seconds=(_scene_s,),
         bytes=_scene_bytes,
         figures=(("report.figures.scene.pictures", 0.5),),

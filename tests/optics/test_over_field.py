@@ -8,10 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
+from maskfab.base.model import Psf
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import presampled_mtf
 from maskfab.optics.psf import point_psf
-from maskfab.optics.scene.point_images import sagittal_cut, tangential_cut, window_modulation
+from maskfab.optics.scene.point_images import restored_error, sagittal_cut, tangential_cut, window_modulation
 from maskfab.optics.spectrum import pixel_transfer
 
 
@@ -41,3 +42,19 @@ def test_a_window_has_the_mtf_of_the_lag_table_but_for_the_light_outside() -> No
         assert abs(found - exact.cuts[cut])[20:].max() < outside / 3
         across, _ = window_modulation(seen, *sagittal_cut(nu, azimuth - np.pi / 2))
         assert across == pytest.approx(optics, abs=1e-12)
+
+
+def test_a_picture_is_restored_best_by_its_own_blur_and_loses_by_less_light() -> None:
+    rng = np.random.default_rng(2)
+    own, other = (Psf(rng.uniform(0, 1, (15, 15)) ** 4, 2.0, 530.0, "pixel") for _ in range(2))
+    least = restored_error(own, own, 0.015)
+    assert least < restored_error(own, other, 0.015)
+    assert least < restored_error(own, own, 0.015, light=0.25)
+    # Without blur all frequencies keep S / (S + e) of themselves.
+    point = np.zeros((15, 15))
+    point[7, 7] = 3.0
+    f = np.hypot(*np.meshgrid(*2 * [np.fft.fftfreq(15)]))
+    power = 0.01 / f[f > 0] ** 2
+    sharp = Psf(point, 2.0, 530.0, "pixel")
+    expected = (power * 0.015 / (power + 0.015)).sum() / power.sum()
+    assert restored_error(sharp, sharp, 0.015) == pytest.approx(expected)

@@ -131,3 +131,64 @@ def test_without_a_file_an_error_names_the_key_alone() -> None:
     with pytest.raises(JobError) as caught:
         Scene.of(section(spectrum="camera.csv"))
     assert caught.value.where == "scene.spectrum"
+
+
+LENS = Camera(5e3, Stop("circle", 400.0), (530.0,), 2.0, 64.0)
+FISHEYE = "angle_deg,height_um\n0,0\n10,871.56\n20,1736.5\n30,2588.2\n40,3420.2\n50,4226.2\n60,5000\n70,5735.8\n"
+
+
+def off_axis(**keys: object) -> Scene:
+    return Scene.of(section(**keys), {"lens.csv": FISHEYE}, camera=LENS, where="job.toml")
+
+
+def test_an_angle_is_an_image_height_by_the_lens_and_its_focus() -> None:
+    assert off_axis(field="40 deg").field_um == pytest.approx(5e3 * np.tan(np.radians(40)))
+    assert off_axis(field="40 deg", projection="f theta").field_um == pytest.approx(5e3 * np.radians(40))
+    assert off_axis(field="40 deg", projection="lens.csv").field_um == pytest.approx(3420.2, abs=1e-9)
+    bent = off_axis(field="20°", distortion={"ratio": -0.1, "height": "2 mm"})
+    plain = 5e3 * np.tan(np.radians(20))
+    assert bent.field_um == pytest.approx(plain * (1 - 0.1 * (plain / 2e3) ** 2))
+    assert bent.steepest_um == pytest.approx(plain)
+    assert off_axis(field="40 deg", focus="105 mm").field_um == pytest.approx(1.05 * 5e3 * np.tan(np.radians(40)))
+    for near in (
+        off_axis(field="40 deg", focus="105 mm", projection=kind) for kind in ("f tan", "f theta", "lens.csv")
+    ):
+        assert near.slope(LENS) == pytest.approx(np.tan(np.radians(40)))
+    assert off_axis(tilt="-3 deg").tilt_rad == pytest.approx(-np.radians(3))
+
+
+def test_a_field_is_written_as_it_was_stated() -> None:
+    for stated in ("20 deg", "1500 um"):
+        assert section(field=stated).model_dump()["field"] == stated
+    assert section(tilt="2.5 deg").model_dump()["tilt"] == "2.5 deg"
+
+
+@pytest.mark.parametrize(
+    ("keys", "code", "words"),
+    [
+        ({"field": "76 deg"}, "MF104", "outside 0 to 75 degrees"),
+        ({"field": "-1 deg"}, "MF104", "outside 0 to 75 degrees"),
+        ({"field": "3 kg"}, "MF103", "field"),
+        ({"tilt": "3"}, "MF103", "tilt"),
+        ({"tilt": "11 deg"}, "MF104", "outside -10 to 10 degrees"),
+        ({"projection": "fisheye"}, "MF105", "projection"),
+        ({"projection": "f theta", "distortion": {"ratio": 0.1, "height": "2 mm"}}, "MF105", "follows f tan"),
+        ({"projection": "other.csv"}, "MF105", "not part of the job"),
+        ({"field": "75 deg", "projection": "lens.csv"}, "MF104", "70 degrees"),
+    ],
+)
+def test_a_field_or_a_lens_that_means_nothing_is_refused(keys: dict[str, object], code: str, words: str) -> None:
+    with pytest.raises(MaskfabError, match=f"{code} .*{words}"):
+        off_axis(**keys)
+
+
+def test_a_table_of_another_lens_or_other_columns_is_refused() -> None:
+    for text, code in ((FISHEYE.replace("height_um", "height_mm"), "MF303"), (FISHEYE.replace(",8", ",7"), "MF104")):
+        with pytest.raises(MaskfabError, match=f"{code} .*scene.projection: lens.csv"):
+            Scene.of(section(projection="lens.csv"), {"lens.csv": text}, camera=LENS, where="job.toml")
+
+
+def test_an_angle_needs_a_lens() -> None:
+    for keys in ({"field": "10 deg"}, {"projection": "f theta"}):
+        with pytest.raises(JobError, match=r"MF105 .*of which nothing is known"):
+            scene(**keys)

@@ -70,6 +70,8 @@ def test_views_tell_their_angle_their_light_and_their_mtf():
     # Along the radius the stop is cos³ as wide to the sensor, across it cos.
     worst = max((found.field[y][x] for y in (0, 4) for x in (0, 4)), key=lambda view: view.residual)
     assert told(found)["field_mtf_tangential"] == worst.mtf_tangential < centre.mtf_tangential
+    assert centre.restored_loss_db == 0
+    assert told(found)["field_restored_loss"] == worst.restored_loss_db > 0
     (row,) = (each for each in found.quantities if each.name == "field_residual")
     assert re.search("30 degrees off the axis, where an even scene is 0.56[23] as bright", row.method)
 

@@ -135,16 +135,16 @@ def test_what_a_task_took_is_kept_with_it(made):
 def test_a_scene_takes_the_psfs_that_it_shows():
     """Of every field of 25 places, of every depth one, and one more that leaves nothing out."""
     die, camera, plan = SimpleNamespace(), SimpleNamespace(window_um=256.0, pixel_um=2.0), _plan(places=3, defocus=True)
-    deep = SimpleNamespace(nearest_um=1e6, focus_um=inf, farthest_um=inf, differs_off_axis=True, bands=())
+    deep = SimpleNamespace(nearest_um=1e6, focus_um=inf, farthest_um=inf, field_um=1e3, bands=())
     one = plan.price.seconds / (3 * 2 * 9)
     took = expected(measure_scene, (die, camera, deep, None, plan))
     assert took == pytest.approx(0.2 + 0.75 * one * (2 + 2 + 25))
-    near = SimpleNamespace(**vars(deep) | {"differs_off_axis": False, "bands": ("red", "green", "blue")})
+    near = SimpleNamespace(**vars(deep) | {"field_um": 0.0, "bands": ("red", "green", "blue")})
     assert expected(measure_scene, (die, camera, near, None, plan)) == pytest.approx(0.2 + 0.75 * one * (2 + 2 + 3))
 
 
 def _plan(places: int, defocus: bool) -> SimpleNamespace:
-    choice = SimpleNamespace(places=places, defocus=defocus, distortion=0, samples_per_dot=0)
+    choice = SimpleNamespace(places=places, defocus=defocus, oblique=False, samples_per_dot=0)
     return SimpleNamespace(
         choice=choice, fullest=choice, wavelengths=3, depths=1 + defocus, price=SimpleNamespace(seconds=54.0)
     )

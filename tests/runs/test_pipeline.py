@@ -428,13 +428,15 @@ def test_a_scene_is_planned_modelled_and_reported(capsys, tmp_path):
         assert (scene["asked"]["nearest_um"], scene["asked"]["farthest_um"]) == (1e5, None)
         rows = {row["name"]: row for row in scene["plan"]["ingredients"]}
         assert rows["shift through the gap"]["modelled"]
-        # The way that models a shift and a depth at the least cost models diffraction too; nothing needs a near scale.
-        assert rows["diffraction over the gap"]["modelled"]
+        assert rows["oblique light"]["modelled"]
+        # Nothing needs a near scale.
         assert not rows["scale of a near focus"]["modelled"]
         judged = [quantity for quantity in scene["quantities"] if quantity["passed"] is not None]
         assert {quantity["name"] for quantity in judged} == {"plan_error", "plan_error_measured"}
         assert all(quantity in document["checks"] for quantity in judged)
         assert len(scene["field"]) == 5
+        corner = scene["field"][0][0]
+        assert (corner["angle_deg"] > 20) == (corner["illumination"] < 0.8) == (corner["restored_loss_db"] > 0) is True
         assert len(scene["depth"]) == 2
         # The plate's own numbers stay what they are without a scene.
         assert not {"plan_error", "field_residual"} & {quantity["name"] for quantity in die["quantities"]}

@@ -186,7 +186,8 @@ class CostModel:
             _options(estimates.aberrations),
             gap,
             (0, *GAP_SAMPLES) if any(gap) else (0,),
-            self.slants,
+            # No other function knows of a tilt.
+            (True,) if self.scene.tilt_rad else _options(estimates.oblique),
             estimates.places,
         )
         for path, precision, greyed, scale, defocus, aberrations, diffraction, samples, oblique, places in options:
@@ -197,11 +198,6 @@ class CostModel:
             )
             if self.possible(choice):
                 yield from (replace(choice, lines=lines) for lines in estimates.bands)
-
-    @property
-    def slants(self) -> tuple[bool, ...]:
-        """Values of :attr:`Choice.oblique`; no other function knows of a tilt."""
-        return (True,) if self.scene.tilt_rad else _options(self.estimates.oblique)
 
     def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
         """Every choice that can be computed, with its price."""

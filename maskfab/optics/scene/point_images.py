@@ -292,6 +292,26 @@ def deblurring_residual(psf: Psf, centre: Psf, noise_to_signal: float) -> float:
     return float(np.linalg.norm(residual_blur(psf, centre, noise_to_signal) - own) / np.linalg.norm(own))
 
 
+def restored_error(psf: Psf, known: Psf, noise_to_signal: float, light: float = 1.0) -> float:
+    """Mean squared error of pictures that one PSF blurs and the Wiener filter for another restores, over their power.
+
+    With H the transfer of either, K of the known one, pictures of the power S = (0.1 / f)², f in cycles per pixel, and
+    noise of ε at all f, the filter G = K* S / (|K|² S + ε) leaves S |1 - G H|² + ε |G|² / light.
+
+    Args:
+        psf, known: on pixels, of one shape; both are normalised to sum 1.
+        noise_to_signal: ε, of power at 0.1 cycles per pixel.
+        light: at the place by that on the axis; a picture that is made even again has so much more noise of photons.
+    """
+    count = psf.values.shape[0]
+    square = np.hypot(scipy.fft.fftfreq(count)[:, None], scipy.fft.fftfreq(count)) ** 2
+    power = np.divide(0.01, square, out=np.zeros_like(square), where=square > 0)
+    seen, assumed = (scipy.fft.fft2(image.values / image.values.sum(), workers=1) for image in (psf, known))
+    restored = assumed.conj() * power / (abs(assumed) ** 2 * power + noise_to_signal)
+    error = power * abs(1 - restored * seen) ** 2 + noise_to_signal / light * abs(restored) ** 2
+    return float(error.sum() / power.sum())
+
+
 def tangential_cut(frequency: Floats, azimuth_rad: float) -> tuple[Floats, Floats]:
     """ν_x and ν_y of the tangential MTF of an image point at an azimuth (from the x axis, counter-clockwise).
 

@@ -118,11 +118,6 @@ class Scene:
         return self.lens(camera, image_distance_um(camera.focal_um, self.focus_um)).slopes_at((self.field_um, 0.0))[0]
 
     @property
-    def differs_off_axis(self) -> bool:
-        """Whether image points off the axis have another PSF."""
-        return bool(self.field_um)
-
-    @property
     def steepest_um(self) -> float:
         """The image height under f tan θ of the largest field: its object's slope times the focal length."""
         mapping = self.projection or self.distortion

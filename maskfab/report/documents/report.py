@@ -192,6 +192,7 @@ class _View(Part):
     illumination: float
     mtf_tangential: float
     mtf_sagittal: float
+    restored_loss_db: float
 
 
 class _Scene(Part):

@@ -34,6 +34,7 @@ from maskfab.optics.scene.point_images import (
     field_places,
     full_plan,
     residual_blur,
+    restored_error,
     sagittal_cut,
     scene_psf,
     spectrum_psf,
@@ -57,6 +58,8 @@ class PointView:
         angle_deg: of its light off the axis.
         illumination: light there of an even scene, by that on the axis, through the stop alone.
         mtf_tangential, mtf_sagittal: presampled, at a quarter of a cycle per pixel.
+        restored_loss_db: decibels by which pictures are restored less well than on the axis, by that one's blur, see
+            :func:`maskfab.optics.scene.point_images.restored_error`.
         mtf_error: bound of the error of both, the energy outside the window.
     """
 
@@ -70,6 +73,7 @@ class PointView:
     illumination: float
     mtf_tangential: float
     mtf_sagittal: float
+    restored_loss_db: float
     mtf_error: float
 
     def __post_init__(self) -> None:
@@ -182,7 +186,7 @@ class _Shown:
     @property
     def corner(self) -> Place:
         reach = self.scene.field_um / math.sqrt(2)
-        return (reach, reach) if self.scene.differs_off_axis else AXIS
+        return (reach, reach) if self.scene.field_um else AXIS
 
     @property
     def farthest_off(self) -> float | None:
@@ -231,11 +235,9 @@ class _Shown:
         scale = self.scene.focus_um if self.plan.choice.scale else math.inf
         lens = self.scene.lens(self.camera, image_distance_um(self.camera.focal_um, scale))
         frequency, azimuth = np.array([0.25 / self.camera.pixel_um]), math.atan2(image_um[1], image_um[0])
-        mtf = {}
-        for chosen_cut in (tangential_cut, sagittal_cut):
-            nu = chosen_cut(frequency, azimuth)
-            values, outside = window_modulation(within(points, self.camera), *nu)
-            mtf[chosen_cut] = float((values * pixel_transfer(self.camera, *nu))[0])
+        cuts = [chosen_cut(frequency, azimuth) for chosen_cut in (tangential_cut, sagittal_cut)]
+        (along, outside), (across, _) = (window_modulation(within(points, self.camera), *nu) for nu in cuts)
+        light, own = lens.illumination(image_um), restored_error(chosen, chosen, NOISE_TO_SIGNAL)
         return PointView(
             image_um,
             object_um,
@@ -244,9 +246,10 @@ class _Shown:
             residual_blur(pixels, chosen, NOISE_TO_SIGNAL),
             deblurring_residual(pixels, chosen, NOISE_TO_SIGNAL) if centre else 0.0,
             math.degrees(math.atan(math.hypot(*lens.slopes_at(image_um)))),
-            lens.illumination(image_um),
-            mtf[tangential_cut],
-            mtf[sagittal_cut],
+            light,
+            float((along * pixel_transfer(self.camera, *cuts[0]))[0]),
+            float((across * pixel_transfer(self.camera, *cuts[1]))[0]),
+            10 * math.log10(restored_error(pixels, chosen, NOISE_TO_SIGNAL, light) / own),
             outside,
         )
 
@@ -335,6 +338,15 @@ class _Shown:
                 f"axis, where an even scene is {worst.illumination:.3g} as bright"
             )
             yield self._left("field_residual", worst, f"{where},")
+            yield Quantity(
+                "field_restored_loss",
+                worst.restored_loss_db,
+                "dB of pictures of power (0.1 / f)², f in cycles per pixel, restored by the Wiener filter for the PSF "
+                f"of the axis in focus (ε = {NOISE_TO_SIGNAL:g} at f = 0.1, more where there is less light), {where}, "
+                "less than there",
+                die=self.die.name,
+                wavelength_nm=worst.psf.wavelength_nm,
+            )
             yield from self._modulations(worst, where)
 
     def _modulations(self, view: PointView, where: str) -> Iterable[Quantity]:
