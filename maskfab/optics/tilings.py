@@ -1,4 +1,4 @@
-r"""Average of a random tiling: mean PSF, mean OTF, and the scatter of single layouts about them.
+r"""Average of a random tiling: mean PSF, and the scatter of single layouts about them.
 
 Cells draw their orientations independently, so with A_c the field of what the stop leaves of cell c,
 
@@ -25,7 +25,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
@@ -33,7 +32,6 @@ from maskfab.base.errors import InternalError
 from maskfab.base.model import ORIENTATIONS, Panel, Psf, frozen, orient
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
-from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Lattice, Pupil, cut, panel_aperture
@@ -131,33 +129,6 @@ def layout_psf(panel: Panel, pilot: Psf, camera: Camera) -> MeanPsf:
     random = parity_field(rest, frequency, frequency).intensity() / norm * (cells / max(cells - 1, 1))
     repeated = np.clip(pilot.values - random, 0, None)
     return MeanPsf(pilot, random**2 / 2 + 2 * random * repeated, np.minimum(random, pilot.values))
-
-
-def mean_lag_table(
-    panel: Panel, stop: Stop, reach_um: float = np.inf, elements: tuple[int, ...] = ALL_ORIENTATIONS
-) -> LagTable:
-    """Autocorrelation of a random tiling averaged over all layouts: its ``otf`` is the mean OTF, weighted by energy.
-
-    Args:
-        reach_um: as for :func:`maskfab.optics.lags.lag_table`.
-        elements: orientations to draw from.
-
-    Notes:
-        The MTF of the mean OTF is not the mean of the MTFs: speckle lifts the latter where the former is small.
-    """
-    cells = _random_cells(panel, stop, elements)
-    table = lag_table(cells.mean, reach_um)
-    area = cells.mean.x.dot_um * cells.mean.y.dot_um
-    values = np.array(table.values)
-    _add_cell_lags(values, _cell_correlation(cells) * area, cells.mean.x)
-    values[0, 0, 0, 0] = cells.energy_um2
-    # In every layout a bound of the sort of maskfab.optics.shape_bounds holds, its range 1; so does the mean of them.
-    pupil = cells.mean
-    means = pupil.rim_moments[:, 0, 0]
-    lacking = means * (1 - means / pupil.rim_transmission) * area
-    # Once ahead, once behind, and once as what dots share with themselves, near lag 0.
-    floor = 1e-15 + 3 * float(lacking.sum()) / cells.energy_um2
-    return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, floor)
 
 
 def decorrelation_error(fluctuation: Floats, reference: Floats, correlation: Floats | float) -> float:
@@ -377,37 +348,3 @@ def _comb(cells: _RandomCells, frequency: Floats) -> Complexes:
         kernels.append(np.exp(-2j * np.pi * frequency[:, None] * centres))
     total: Complexes = kernels[0] @ cells.share @ kernels[1].T
     return total
-
-
-def _cell_correlation(cells: _RandomCells) -> Floats:
-    """Σ_c of the mean over orientations of a cell's own autocorrelation, less that of the mean cell; lags in dots.
-
-    Negative lags are wrapped round: float64 [2 dots - 1 or more] twice. Cut dots count with their mean.
-    """
-    clear = cells.clear
-    dots = cells.patterns.shape[1]
-    sizes = [scipy.fft.next_fast_len(2 * dots - 1, real=True)] * 2
-    inside = clear.mean_transmission
-
-    def spread(patterns: Floats) -> Floats:
-        power = (abs(scipy.fft.rfft2(patterns, sizes)) ** 2).mean(axis=0)
-        return np.asarray(power - abs(scipy.fft.rfft2(patterns.mean(axis=0), sizes)) ** 2)
-
-    total = cells.whole_cells * spread(cells.patterns)
-    rows, columns = clear.y.dot_index(), clear.x.dot_index()
-    for row, column in zip(*cells.cut_cells, strict=True):
-        total += spread(cells.patterns * inside[np.ix_(rows[row], columns[column])])
-    wrapped: Floats = scipy.fft.irfft2(total, sizes)
-    return wrapped
-
-
-def _add_cell_lags(values: Floats, correlation: Floats, lattice: Lattice) -> None:
-    """Add lags shorter than a cell, wrapped round, to a table of lags that holds them or some of them."""
-    lags = np.arange(-(lattice.dots - 1), lattice.dots)
-    source = correlation[np.ix_(lags % correlation.shape[0], lags % correlation.shape[1])]
-    if lattice.has_gutter:
-        values[0, :, 0, :][np.ix_(lags % values.shape[1], lags % values.shape[3])] += source
-        return
-    held_y, held_x = (lags[2 * abs(lags) < size] for size in (values.shape[0], values.shape[2]))
-    held = np.ix_(held_y + lattice.dots - 1, held_x + lattice.dots - 1)
-    values[:, 0, :, 0][np.ix_(held_y, held_x)] += source[held]
