@@ -158,17 +158,16 @@ def _optics_s(die: Any, camera: Any, *_: Any) -> float:
     return float(len(camera.wavelengths_nm) * (0.02 + 0.08 * side**2 + 0.1 * (dots / 500) ** 2))
 
 
-def _scene_s(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
+def _scene_s(_die: Any, _camera: Any, scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
     """The plan's price is that of the whole scene; a report shows some of its PSFs, and one by the fullest model."""
-    choice, side = plan.choice, camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
+    choice = plan.choice
     depths = len({scene.nearest_um, scene.focus_um, scene.farthest_um}) if choice.defocus else 0
     off_axis = scene.field_um > 0 and (choice.places > 1 or choice.oblique)
     of_bands = plan.wavelengths if scene.bands else 0
     fuller = plan.fullest.samples_per_dot / choice.samples_per_dot if choice.samples_per_dot else 1.0
     shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
     one = float(plan.price.seconds) / (plan.wavelengths * plan.depths * choice.places**2)
-    landed = 0.3 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.oblique
-    return float(0.2 + _OF_PRICE * shown * one + landed)
+    return float(0.2 + _OF_PRICE * shown * one)
 
 
 def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any) -> float:

@@ -241,6 +241,18 @@ def test_a_small_field_leaves_oblique_light_out_and_errs_no_more_than_it_says() 
     assert 0.1 * found.price.error < error <= found.price.error
 
 
+def test_diffraction_behind_a_tilted_panel_is_counted_and_refused_where_it_matters() -> None:
+    scene = Scene(field_um=1000.0, tilt_rad=math.radians(3.0))
+    each = case("tilted", DENSE, scene, 0.1, diameter_um=600.0)
+    found = plan(each.panel, each.camera, scene, each.accuracy)
+    (row,) = (row for row in found.ingredients if row.name == "diffraction over the gap")
+    assert found.choice.oblique
+    assert not row.modelled
+    assert 1e-3 < row.error <= found.price.error <= each.accuracy
+    with pytest.raises(JobError, match=r"MF115 .*scene\.accuracy"):
+        plan(each.panel, each.camera, scene, row.error / 2)
+
+
 @pytest.mark.parametrize(("degrees", "dot_nm", "text"), [(75.1, 8000, "75"), (60.0, 1000, "walls of a film")])
 def test_a_field_beyond_what_is_proved_is_refused(degrees: float, dot_nm: int, text: str) -> None:
     each = case("steep", DENSE, Scene(field_um=height("f tan", degrees)), 1e-3, dot_nm=dot_nm, diameter_um=100.0)

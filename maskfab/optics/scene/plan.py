@@ -83,7 +83,7 @@ DEPTHS = 2
 # dot; of a PSF, itself, a sample, and one that is brought to where its light lands; over a gap, a sample, and one's
 # phase.
 _CUT, _DOT, _GREY_DOT, _RIM_DOT = 3.2e7, 120.0, 300.0, 6.5e4
-_PSF, _PSF_SAMPLE, _LANDED = 1e7, 120.0, 5e4
+_PSF, _PSF_SAMPLE, _LANDED = 1e7, 120.0, 4e4
 _GAP_SAMPLE, _TURN = 1300.0, 1300.0
 # Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
 _MOST_SLOPE = 0.9
