@@ -499,7 +499,6 @@ def _fewest(band: Band, most: int, seen: Callable[[Spectrum], Transfer]) -> tupl
     return fewer, BAND_SAFETY * error
 
 
-_OBLIQUE = "oblique light"
 _OWN_WORDS = ("curve of the rim", "field between places", "width of the bands")
 
 
@@ -528,7 +527,7 @@ def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
         shift = "the shift through the gap off the axis is left out: every place is seen as the axis is"
         return [shift] if scene.gap_um and scene.field_um else []
     # The transfer knows nothing of oblique light, whatever the plan does.
-    out = (row for row in plan.ingredients if row.name == _OBLIQUE or not row.modelled)
+    out = (row for row in plan.ingredients if row.name == "oblique light" or not row.modelled)
     rows = [row for row in out if row.error and row.name not in _OWN_WORDS]
     return [
         f"{row.name} is left out: without it the PSF errs by {row.error:.2g} at most, and the accuracy asked for is "

@@ -174,7 +174,6 @@ def gap_psf(
     waves: Waves | None = None,
     distance_um: float | None = None,
     glass: Glass | None = None,
-    margin: int = 0,
 ) -> Psf:
     """Point PSF about an image point, the gap as shift and diffraction.
 
@@ -186,7 +185,6 @@ def gap_psf(
         waves: phase in the stop's plane, the axis at its origin; none if None.
         distance_um: from lens to sensor; the focal length if None.
         glass: part of the gap; light on its way to the image walks as far over it as over ``gap_um`` of air in all.
-        margin: points beyond the window.
 
     Raises:
         JobError: MF104 for a gap that is no distance, or a phase that is not finite; MF114 if the openings do not cover
@@ -201,7 +199,7 @@ def gap_psf(
     middle = behind.amplitude.shape[0]
     place = behind.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
     step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm, distance)
-    reach = odd_samples(camera.window_um, step) // 2 + margin
+    reach = odd_samples(camera.window_um, step) // 2
     u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
     kernel = behind.sample_um * np.exp(-2j * np.pi * u[:, None] * place)
     field = kernel @ behind.amplitude @ kernel.T

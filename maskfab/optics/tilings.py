@@ -185,15 +185,6 @@ class _RandomCells:
     energy_um2: float
     is_group: bool
 
-    @property
-    def cut_cells(self) -> tuple[Indices, Indices]:
-        row, column = np.nonzero((self.share > 0) & (self.share < 1))
-        return row, column
-
-    @property
-    def whole_cells(self) -> int:
-        return int((self.share == 1).sum())
-
 
 def _random_cells(panel: Panel, stop: Stop, elements: tuple[int, ...]) -> _RandomCells:
     if not elements:
@@ -252,7 +243,7 @@ def _cell_variances(cells: _RandomCells, nodes: Floats) -> tuple[Floats, Complex
     mean = fields.mean(axis=0)
     power = (abs(fields) ** 2).mean(axis=0) - abs(mean) ** 2
     pseudo = (fields**2).mean(axis=0) - mean**2
-    total = cells.whole_cells * power
+    total = int((cells.share == 1).sum()) * power
     rims = _rim_by_cell(cells)
     orders = _rim_orders(x, y, nodes)
     kernels_x, kernels_y = _dot_kernels(x, nodes, orders), _dot_kernels(y, nodes, orders)
@@ -273,7 +264,7 @@ def _representatives(cells: _RandomCells) -> tuple[dict[tuple[int, int], int], b
     Where all eight orientations are drawn and the panel is square about the axis, turning the panel turns one cut cell
     into the next, and an eighth of them will do.
     """
-    row, column = cells.cut_cells
+    row, column = np.nonzero((cells.share > 0) & (cells.share < 1))
     places = [(int(j), int(i)) for j, i in zip(row, column, strict=True)]
     x, y = cells.mean.x, cells.mean.y
     centred = abs(2 * x.start_um + (x.cells - 1) * x.pitch_um + x.dots * x.dot_um) < 1e-9 * x.pitch_um

@@ -298,14 +298,12 @@ def _corners(stop: Stop) -> list[tuple[float, float]]:
     return list(zip((width * np.cos(angle)).tolist(), (height * np.sin(angle)).tolist(), strict=True))
 
 
-_FADE = 34.0
+_FADE, _EPSILON = 34.0, 1e-13
 TAPER = 2 * math.ceil(_FADE / (math.pi * (1 - 1 / OVERSAMPLING)) + 1)
 """Samples beyond the outermost place over which :meth:`SensorWindow.of` lets a PSF fade: 2a / h."""
 
 RESAMPLED = 1e-10
 """Bound of the relative L2 error of a PSF by :meth:`SensorWindow.of`."""
-
-_EPSILON = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,10 +332,7 @@ class SensorWindow:
         return math.ceil(max(float(abs(self.x_um).max()), float(abs(self.y_um).max())) / step_um) + TAPER
 
     def camera(self, camera: Camera, stop: Stop) -> Camera:
-        """The camera of the PSF that the window takes: of a stop, its samples fine enough for that, as wide as needed.
-
-        Samples are as the camera's own, or finer where the stop is wider.
-        """
+        """The camera of the PSF that the window takes: of a stop, its samples as fine as that asks for, and as wide."""
         finer = replace(camera, stop=stop)
         step = point_step_um(finer)
         return replace(finer, window_um=(2 * self.half(step) + 1) * step)
@@ -365,9 +360,8 @@ class SensorWindow:
         fade = _fade(count)
         size = fast_length(count, (3, 5, 7))
         terms = scipy.fft.fft2(psf.values * (fade * fade[:, None]), (size, size), workers=1) / size**2
-        turn = 2 * np.pi / (size * psf.step_um)
-        middle = 2 * np.pi / size * (count // 2)
-        places = (np.remainder(turn * at.ravel() + middle, 2 * np.pi) for at in (self.y_um, self.x_um))
+        sample = 2 * np.pi / size
+        places = (sample * (at.ravel() / psf.step_um + count // 2) % (2 * np.pi) for at in (self.y_um, self.x_um))
         values = finufft.nufft2d2(*places, terms, isign=1, eps=_EPSILON, modeord=1, nthreads=1).real
         return Psf(values.reshape(self.x_um.shape) / self.magnification, step_um, psf.wavelength_nm, psf.kind)
 
@@ -378,7 +372,6 @@ def _fade(count: int) -> Floats:
     across = np.linspace(-1, 1, 64 * TAPER + 1)
     rise = np.cumsum(np.i0(_FADE * np.sqrt(1 - across**2)))[::64]
     fade = np.ones(count)
-    fade[: TAPER + 1] = rise / rise[-1]
-    fade[::-1][: TAPER + 1] = rise / rise[-1]
+    fade[: TAPER + 1] = fade[::-1][: TAPER + 1] = rise / rise[-1]
     fade.flags.writeable = False
     return fade

@@ -53,8 +53,6 @@ ASSUMED_BIAS_UM = 0.2
 CHROME_REFLECTS = 0.6
 """Share of visible light that bright chrome throws back; with an antireflective coat a tenth."""
 
-_TANGENT = "tangent for sine"
-
 _MOST_GAP_SIDE = 600
 """Dots across the stop that a gap is tried on, about; finer ones are gathered in squares."""
 
@@ -115,7 +113,7 @@ def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, slope: float) -
     """Omissions of a scene's PSFs, on the axis and off it, the largest first; of a field the plan tells the tangent."""
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     die = _DieField.of(pupil, camera)
-    axis = (omission for omission in _on_axis(die, blank) if not (slope and omission.name == _TANGENT))
+    axis = (omission for omission in _on_axis(die, blank) if not (slope and omission.name == "tangent for sine"))
     return _by_size([*axis, *_of_scene(die, slope, blank)])
 
 
@@ -321,7 +319,8 @@ def _lens(die: _DieField) -> Iterator[Omission]:
     slope = 4 * np.pi * focal / scale / energy
     falls = slope * (place * (die.field.conj() * along_x).imag + place[:, None] * (die.field.conj() * along_y).imag)
     moved = radius * (falls / 2 + 2 * die.intensity)
-    yield Omission(_TANGENT, die.relative(moved), "a lens without distortion, image height f tan θ, over the window")
+    told = "a lens without distortion, image height f tan θ, over the window"
+    yield Omission("tangent for sine", die.relative(moved), told)
 
 
 def _glass(die: _DieField, blank: MaskBlank) -> Iterator[Omission]:

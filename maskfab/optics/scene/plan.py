@@ -415,7 +415,7 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     if not 0 < accuracy < 1:
         raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")
-    refuse_steep(camera, scene, panel.dot_nm / NM_PER_UM)
+    _refuse_steep(camera, scene, panel.dot_nm / NM_PER_UM)
     # The openings must cover the stop from the corner of the field too.
     farthest = scene.widest_um
     moved = shift_um(camera, scene.seen(farthest / camera.focal_um, scene.gap_um)[0], (farthest, farthest))
@@ -435,12 +435,8 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
 
 
-def refuse_steep(camera: Camera, scene: Scene, dot_um: float) -> None:
-    """Refuse a field beyond 75 degrees, or one at which the film's walls shade more than a tenth of a dot's width.
-
-    Raises:
-        JobError: MF104.
-    """
+def _refuse_steep(camera: Camera, scene: Scene, dot_um: float) -> None:
+    """Refuse a field beyond 75 degrees, or where the film's walls shade more than a tenth of a dot: JobError MF104."""
     slope = scene.slope(camera)
     degrees, shade, most = math.degrees(math.atan(slope)), ASSUMED_FILM_UM * slope, _MOST_WALLS * dot_um
     limit = min(MOST_FIELD_DEG, math.degrees(math.atan(most / ASSUMED_FILM_UM)))

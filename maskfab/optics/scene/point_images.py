@@ -191,9 +191,8 @@ def _psfs(
                     waves=waves(line), distance_um=distance, glass=glass,
                 )  # fmt: skip
             return
-        reach = point_step_um(sampled) * np.arange(
-            odd_samples(sampled.window_um, point_step_um(sampled)) // 2 + 1, dtype=np.float64
-        )
+        fine = point_step_um(sampled)
+        reach = fine * np.arange(odd_samples(sampled.window_um, fine) // 2 + 1, dtype=np.float64)
         if choice.path == PHASED:
             pupil = moved_pupil(openings, seen.stop, seen.moved_um)
             for line in wavelengths_nm:
@@ -213,7 +212,7 @@ def _psfs(
             if path.name not in ready:
                 ready[path.name] = path.prepare(pupil, widest, widest, choice.precision)
             intensity = np.asarray(ready[path.name].field(frequency, frequency).intensity(), dtype=np.float64)
-            yield Psf(intensity / psf_norm_um6(scale, pupil.energy_um2), point_step_um(sampled), line, "point")
+            yield Psf(intensity / psf_norm_um6(scale, pupil.energy_um2), fine, line, "point")
 
     if not choice.oblique:
         yield from even(replace(sampled, window_um=(2 * half + 1) * step))

@@ -153,10 +153,7 @@ def _projection(stated: str, curves: Mapping[str, str], focal_um: float, where: 
         what = f"the table's columns are {', '.join(header)}"
         raise SourceError("MF303", what, where=f"{place}: {stated}", cure="Name them angle_deg,height_um")
     angles, heights = rows[rows.any(axis=1)].T
-    try:
-        return Projection(focal_um, tuple(np.radians(angles).tolist()), tuple(heights.tolist()))
-    except JobError as error:
-        raise JobError(error.code, error.what, where=f"{place}: {stated}", cure=error.cure) from None
+    return Projection(focal_um, tuple(np.radians(angles).tolist()), tuple(heights.tolist()))
 
 
 def _bands(section: SceneSection, curves: Mapping[str, str], where: str) -> tuple[Band, ...]:
