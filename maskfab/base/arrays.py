@@ -51,3 +51,9 @@ def fast_length(least: int, primes: tuple[int, ...] = (2, 3, 5)) -> int:
         if rest == 1:
             return length
         length += 1
+
+
+def expanded(counts: Indices) -> tuple[Indices, Indices]:
+    """Whose each of so many items is, and its number among them."""
+    owner = np.repeat(np.arange(counts.size), counts)
+    return owner, np.arange(owner.size) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -14,12 +14,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 from klayout import db
 
-from maskfab.base.arrays import Floats, Indices, Ints
+from maskfab.base.arrays import Floats, Indices, Ints, expanded
 from maskfab.base.model import Box, Die
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Aperture, Lattice, covered_aperture, zeros
-from maskfab.optics.stop_edges import edges_in_stop, stop_box, whole_or_away
+from maskfab.optics.stop_edges import edges_in_stop, region_edges, stop_box, whole_or_away
 
 Located = tuple[Indices, Floats]
 
@@ -57,10 +57,7 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats, *
         placed = _placed(to_boxes(merged), x_edges, y_edges)
         shares = _box_coverage(placed, x_edges.size, y_edges.size)
     else:
-        # The region lies on the right hand of each edge.
-        edges = (edge for edge in merged.edges().each() if edge.y1 != edge.y2)
-        ends = (value for edge in edges for value in (edge.x1, edge.y1, edge.x2, edge.y2))
-        shares = _edge_coverage(np.fromiter(ends, dtype=np.float64).reshape(-1, 4), x_edges, y_edges)
+        return outline_coverage(region_edges(merged), x_edges, y_edges)
     return np.clip(shares, 0.0, 1.0, out=shares)
 
 
@@ -190,24 +187,33 @@ def _placed(boxes: Ints, x_edges: Floats, y_edges: Floats) -> list[Located]:
 
 def _box_coverage(placed: list[Located], x_lines: int, y_lines: int) -> Floats:
     x0, y0, x1, y1 = placed
-    width = x_lines + 1
-    differences = np.zeros((y_lines + 1) * width)
-    for y_sign, (rows, v) in ((1.0, y0), (-1.0, y1)):
-        for x_sign, (columns, u) in ((1.0, x0), (-1.0, x1)):
-            for row_step, row_share in ((0, 1 - v), (1, v)):
-                for column_step, column_share in ((0, 1 - u), (1, u)):
-                    share = y_sign * x_sign * row_share * column_share
-                    if share.any():
-                        np.add.at(differences, (rows + row_step) * width + (columns + column_step), share)
-    sums = differences.reshape(y_lines + 1, width)
+    sums = np.zeros((y_lines + 1, x_lines + 1))
+    _add_upright(sums, x0, y0, y1)
+    _add_upright(sums, x1, y1, y0)
     np.cumsum(sums, axis=0, out=sums)
     np.cumsum(sums, axis=1, out=sums)
     return sums[:-2, :-2]
 
 
+def _add_upright(differences: Floats, place: Located, begin: Located, end: Located) -> None:
+    """Add what upright edges change of the coverage along both axes, which their ends tell, however long they are."""
+    flat, width, (columns, u) = differences.ravel(), differences.shape[1], place
+    for y_sign, (rows, v) in ((1.0, begin), (-1.0, end)):
+        for row_step, row_share in ((0, 1 - v), (1, v)):
+            for column_step, column_share in ((0, 1 - u), (1, u)):
+                share = y_sign * row_share * column_share
+                if share.any():
+                    np.add.at(flat, (rows + row_step) * width + (columns + column_step), share)
+
+
 def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
     """Coverage by polygons: an edge covers all that lies to its right, positive upwards and negative downwards."""
-    differences = np.zeros((y_edges.size - 1, x_edges.size + 1))
+    differences = np.zeros((y_edges.size + 1, x_edges.size + 1))
+    upright = segments[:, 0] == segments[:, 2]
+    x, begin, _, end = segments[upright].T
+    _add_upright(differences, _locate(x, x_edges), _locate(begin, y_edges), _locate(end, y_edges))
+    differences = np.cumsum(differences, axis=0, out=differences)[:-2]
+    segments = segments[~upright]
     # What edges cover is a sum over them. A long one may cross thousands of lines, and a short one none.
     pieces = np.ones(len(segments), dtype=np.intp)
     for k, lines in enumerate((x_edges, y_edges)):
@@ -242,8 +248,7 @@ def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floa
     low, high = np.minimum(start, stop), np.maximum(start, stop)
     first = np.searchsorted(edges, low, side="right")
     counts = np.maximum(np.searchsorted(edges, high, side="left") - first, 0) + 1
-    source = np.repeat(np.arange(len(segments)), counts)
-    nth = np.arange(len(source)) - np.repeat(np.cumsum(counts) - counts, counts)
+    source, nth = expanded(counts)
     line = first[source] + nth
     lower = np.where(nth == 0, low[source], edges[np.clip(line - 1, 0, edges.size - 1)])
     upper = np.where(nth == counts[source] - 1, high[source], edges[np.clip(line, 0, edges.size - 1)])
@@ -343,9 +348,7 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     Returns:
         The distances, twice because an axis may lie between two nanometres; and whether other edges are there, too.
     """
-    ends = (value for edge in shapes.edges().each() for value in (edge.x1, edge.y1, edge.x2, edge.y2))
-    edges = np.fromiter(ends, dtype=np.int64).reshape(-1, 4)
-    edges *= 2
+    edges = 2 * region_edges(shapes).astype(np.int64)
     edges -= np.tile([round(2 * centre) for centre in axis], 2)
     start, span = edges[:, :2].astype(np.float64), (edges[:, 2:] - edges[:, :2]).astype(np.float64)
     along = np.clip(-(start * span).sum(axis=1) / np.maximum((span**2).sum(axis=1), 1.0), 0.0, 1.0)

@@ -43,10 +43,9 @@ if TYPE_CHECKING:
 _NEAR_DOTS = 3
 # Pairs of lags and cut dots that cost little beside a table; near 0, where they meet each other, they cost more.
 _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
-# Of polygons so many lags are exact whatever they cost.
-_FEW_LAGS = 300
-# A lag of few polygons takes as long as one of so many.
-_FEWEST_PARTS = 1000
+# Of polygons lags times pairs that take half a second; a lag of few takes as long as one of so many, and a part that
+# the stop cuts as long as several.
+_PAIRS_OF_OUTLINE, _FEWEST_PARTS, _PAIRS_OF_CUT = 2_500_000, 3000, 30
 # So much stays in the processor's cache, and so many values along x are held at once.
 _ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME, _MOST_HELD = 32, 16, 18_000_000
 
@@ -188,11 +187,15 @@ class LagTable:
         """Error bound of the coarse transfer function at any lag within reach."""
         return self.floor + sum(each.largest_um2 for each in self.coarse) / self.energy_um2
 
+    def affords(self, lags: int) -> bool:
+        """Whether so many lags may be exact at once; of few polygons, or where there are none, they may."""
+        return self.outline is None or lags * self.cut_dots <= _PAIRS_OF_OUTLINE
+
     def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
         """C(s) / C(0) at lags [n], exact where that costs little, and a bound of the error of each.
 
         Args:
-            most: what errs by more is made exact whatever it costs.
+            most: what errs by more is made exact, too, if it can be afforded.
         """
         values, errors = self.coarse_otf(lag_x_um, lag_y_um), self.error_at(lag_x_um, lag_y_um, coarse=True)
         if not self.rims:
@@ -200,12 +203,13 @@ class LagTable:
         meets = ~apart(self.rims[0].stop, lag_x_um, lag_y_um)
         near = (np.hypot(lag_x_um, lag_y_um) < self.near_um) & meets
         dots, exact = self.cut_dots, meets
-        if not (self.outline is not None and lag_x_um.size <= _FEW_LAGS):
+        if self.outline is None or not self.affords(int(np.count_nonzero(exact))):
             if np.count_nonzero(exact) * dots > _FEW_PAIRS:
                 exact = near
             if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
                 exact = exact & ~near
-        exact = exact | (meets & (errors > most))
+        vague = meets & (errors > most)
+        exact = exact | (vague & self.affords(int(np.count_nonzero(vague))))
         values, errors = values * meets, errors * meets
         values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
         errors[exact] = self.error_at(lag_x_um[exact], lag_y_um[exact])
@@ -231,7 +235,7 @@ class _Outlined:
 
     @property
     def cut_dots(self) -> int:
-        return self.outline.count + _FEWEST_PARTS
+        return _FEWEST_PARTS + self.outline.pairs + _PAIRS_OF_CUT * int(np.count_nonzero(~self.outline.whole))
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         means = self.means.coarse_otf(lag_x_um, lag_y_um) * self.means.energy_um2
@@ -259,12 +263,13 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf, outline: OutlineLags | Non
     energy = float(values[0, 0, 0, 0])
     values.flags.writeable = False
     if outline is not None:
-        energy = float(outline.autocorrelation_um2(np.zeros(1), np.zeros(1))[0])
+        energy = outline.area_um2
         held = values.copy()
         held[0, 0, 0, 0] = energy
         means = LagTable(pupil.x, pupil.y, held, reach_um, energy, outline.rounding, sum_um2=energy**2 / dot_area)
         coarse = _bounds(pupil, reach_um, rim=True)
-        return replace(means, coarse=coarse, rims=(_Outlined(outline, means),), outline=outline)
+        means = replace(means, coarse=coarse, outline=outline)
+        return replace(means, rims=(_Outlined(outline, means),)) if outline.pairs else replace(means, unknown=coarse)
     rim = rim_lags(pupil, reach_um)
     # Areas are told to some last places of the stop's.
     rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)

@@ -32,7 +32,7 @@ from typing import Literal
 
 import numpy as np
 
-from maskfab.base.arrays import Floats, Indices, Mask, distinct
+from maskfab.base.arrays import Floats, Indices, distinct
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
@@ -53,7 +53,9 @@ LEVELS = (50, 30, 10)
 # A cut's sample whose error is larger is made exact.
 _COARSE = 2e-3
 # How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
-_FIRST_OF_RING, _MOST_PAIRS, _MOST_LAGS = 1, 200_000, 5000
+_FIRST_OF_RING, _MOST_PAIRS, _MOST_OF_OUTLINE = 1, 200_000, 3_000_000
+# Boxes across the stop by which diagonals of an outline are known that has too many parts.
+_BOXES_OF_DIAGONALS = 2000
 
 # Rings to either side of a crossing, radii in each, and directions for each dot of a half circle of lags.
 _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
@@ -62,7 +64,8 @@ _FEWEST_DIRECTIONS, _FEW_DIRECTIONS, _MOST_DIRECTIONS = 16, 64, 1024
 # About a crossing a curve is looked at in so many errors of the place, and twice at so many radii at which it may have
 # crossed, if it is not known to that; so many directions are exact there, and serve for radii by such a share of a dot.
 _ASIDE, _HALVINGS, _MOST_DOUBTFUL, _KNOWN, _ALIKE = 1.5, 2, 6, 1e-3, 1 / 16
-_EXACT_DIRECTIONS = 32
+# Of an outline of many parts, fewer directions; near lags share their pairs.
+_EXACT_DIRECTIONS, _FEW_EXACT, _NEAR_SHARE = 32, 8, 4
 # A mean of so many samples errs by three of its standard deviations at most, in 997 of 1000 cases.
 _SIGMAS = 3
 
@@ -171,6 +174,17 @@ class _View:
         pixel = self.pixel(nu_x, nu_y)
         return abs(optics) * pixel, error * pixel
 
+    def diagonals(self, slant: Floats) -> tuple[Floats, Floats]:
+        """The coarse MTF along both diagonals, one after the other, at even steps [n] of either frequency from 0."""
+        across, up = np.concatenate([slant, -slant]), np.concatenate([slant, slant])
+        if self.table.outline is None or (self.table.rims and self.table.affords(4 * RINGS)):
+            return self.coarse(across, up)
+        tables = self.table.outline.on_lattice(self.scale_um2 * float(slant[1]), slant.size, _BOXES_OF_DIAGONALS)
+        along, step = self.pixel(across, up) / self.table.energy_um2, np.arange(slant.size)
+        column = slant.size - 1 + np.concatenate([step, -step])
+        means, bounds = (table[np.tile(step, 2), column] * along for table in tables)
+        return abs(means), bounds
+
     def bounded_on_grid(self, step: float, steps_x: Indices, steps_y: Indices) -> tuple[Floats, Floats]:
         """The bounded MTF at so many steps of frequency, fewer than RINGS of them, and not downwards."""
         axis = step * np.arange(1 - RINGS, RINGS, dtype=np.float64)
@@ -178,7 +192,7 @@ class _View:
         if self.table.outline is not None:
             means, bounds = self.table.outline.on_lattice(self.scale_um2 * step, RINGS)
             along = self.pixel(axis[column], axis[row]) / self.table.energy_um2
-            return means[steps_y, column] * along, bounds[steps_y, column] * along
+            return abs(means[steps_y, column]) * along, bounds[steps_y, column] * along
         lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)
         upper = lag[RINGS - 1 :]
         optics = self.table.coarse_grid(lag, upper)[steps_y, column]
@@ -229,7 +243,7 @@ def _rings(view: _View, step: float) -> _Rings:
     ring = np.repeat(np.arange(RINGS), count)
     slant = step / np.sqrt(2) * np.arange(RINGS, dtype=np.float64)
     slanted = np.concatenate([slant, -slant]), np.concatenate([slant, slant])
-    of_slanted = view.coarse(*slanted)
+    of_slanted = view.diagonals(slant)
     nu_x, nu_y, values, errors = (
         np.concatenate(pair) for pair in zip((nu_x, nu_y, values, errors), (*slanted, *of_slanted), strict=True)
     )
@@ -242,17 +256,16 @@ def _rings(view: _View, step: float) -> _Rings:
     _make_exact(view, nu_x, nu_y, values, errors, np.flatnonzero(chosen))
     cut_errors, (diagonal, antidiagonal) = errors[cut], values[ring.size :].reshape(2, RINGS)
     nu_x, nu_y, values, errors = (each[: ring.size] for each in (nu_x, nu_y, values, errors))
-    sure, low = _refined_minima(view, nu_x, nu_y, values, errors, starts)
-    # Where too many lags are alike some stay coarse, and one of them may be less.
-    floor = np.minimum.reduceat(np.where(sure, np.inf, np.maximum(values - errors, 0)), starts)
-    of_sure = np.maximum.reduceat(np.where(sure, errors, 0.0), starts)
+    _refine_minima(view, nu_x, nu_y, values, errors, starts)
+    # Where too many lags are alike some stay coarse, and any of them may be the least.
+    low, below, above = (np.minimum.reduceat(values + sign * errors, starts) for sign in (0, -1, 1))
     high, most, least = (np.maximum.reduceat(values + sign * errors, starts) for sign in (0, 1, -1))
     return _Rings(
         np.add.reduceat(values, starts) / count,
         low,
         high,
         np.add.reduceat(errors, starts) / count,
-        np.maximum(low - floor, of_sure),
+        np.maximum(low - np.maximum(below, 0.0), above - low),
         np.maximum(most - high, high - least),
         values[steps_y == 0],
         values[steps_x == 0],
@@ -264,34 +277,29 @@ def _rings(view: _View, step: float) -> _Rings:
 
 def _make_exact(view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, k: Indices) -> None:
     """Make the values of some frequencies exact, in place."""
-    if view.table.rims and k.size:
+    if view.table.rims and k.size and view.table.affords(k.size):
         values[k], errors[k] = view.exact(nu_x[k], nu_y[k])
 
 
-def _refined_minima(
-    view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, starts: Indices
-) -> tuple[Mask, Floats]:
-    """Make exact, in place, what may be less than a ring's least exact value, some of every ring at a time.
-
-    Returns:
-        Which values are exact, and the least of them in every ring.
-    """
+def _refine_minima(view: _View, nu_x: Floats, nu_y: Floats, values: Floats, errors: Floats, starts: Indices) -> None:
+    """Make exact, in place, what may be less than a ring's least exact value, some of every ring at a time."""
     table = view.table
     ring = np.repeat(np.arange(RINGS), np.diff(np.append(starts, values.size)))
     sure = errors <= table.uncertainty
     low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
     spent, at_a_time = 0, 4 * _FIRST_OF_RING
-    most = _MOST_PAIRS if table.outline is None else _MOST_LAGS * table.cut_dots
+    most = _MOST_PAIRS if table.outline is None else _MOST_OF_OUTLINE
     while table.rims and spent < most:
         k = np.flatnonzero(~sure & (np.maximum(values - errors, 0.0) < low[ring] - table.uncertainty))
         k = k[_least(ring[k], values[k], at_a_time)]
-        if not k.size:
+        if table.outline is not None:
+            k = k[: (most - spent) // table.cut_dots]
+        if not k.size or not table.affords(k.size):
             break
         _make_exact(view, nu_x, nu_y, values, errors, k)
         sure[k] = True
         low = np.minimum.reduceat(np.where(sure, values, np.inf), starts)
         spent, at_a_time = spent + k.size * table.cut_dots, 4 * at_a_time
-    return sure, low
 
 
 def _least(group: Indices, values: Floats, count: int) -> Indices:
@@ -448,22 +456,27 @@ class _Closely:
         mean, half, quarter = (values[:, ::every].mean(axis=1) for every in (1, 2, 4))
         # Each of these errs by a quarter of the one before, or less; either difference may be small by chance.
         quadrature = np.maximum(abs(mean - half), abs(half - quarter) / 2)
+        coarse = np.stack([mean, quadrature + errors.mean(axis=1)])
         if not table.rims:
-            return np.stack([mean, quadrature + errors.mean(axis=1)])
+            return coarse
         dot = table.x.dot_um / view.scale_um2
+        most = _EXACT_DIRECTIONS if table.affords(_EXACT_DIRECTIONS * _EXACT_DIRECTIONS) else _FEW_EXACT
         seen = np.array([place[0] for place in self.lacking])
         far = abs(radii[:, None] - seen).min(axis=1, initial=np.inf) > _ALIKE * dot
         near = radii * view.scale_um2 < table.near_um
         # Near lag 0 cut dots meet themselves: exact lags are dear there, and alike.
-        for new, directions in ((far & near, _EXACT_DIRECTIONS // 2), (far & ~near, _EXACT_DIRECTIONS)):
-            if new.any():
+        for new, directions in ((far & near, max(most // 2, _FEW_EXACT)), (far & ~near, most)):
+            if new.any() and table.affords(directions * (len(self.lacking) + int(new.sum())) // _NEAR_SHARE):
                 every = max(1, count // directions)
                 self._look(radii[new], x[new, ::every], y[new, ::every], values[new, ::every])
+        if not self.lacking:
+            return coarse
         lacking = np.array(self.lacking).T
         aside = abs(radii[:, None] - lacking[0])
         nearest = aside.argmin(axis=1)
         _, change, error, new = lacking[:, nearest]
-        return np.stack([mean + change, quadrature + error + 2 * new * aside.min(axis=1) / dot])
+        known = np.stack([mean + change, quadrature + error + 2 * new * aside.min(axis=1) / dot])
+        return np.where(known[1] < coarse[1], known, coarse)
 
     def _look(self, radii: Floats, x: Floats, y: Floats, values: Floats) -> None:
         exact, unknown = (each.reshape(x.shape) for each in self.view.exact(x.ravel(), y.ravel()))

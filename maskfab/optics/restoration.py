@@ -109,7 +109,11 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     optics = polychromatic_otf_grid(table, camera, spectrum, axis, upper)
     modulation = abs(optics * pixel_transfer(camera, axis, upper[:, None]))
     line = float(spectrum.wavelengths_nm[0]) if spectrum.wavelengths_nm.size == 1 else None
-    exact = None if line is None or not table.rims else _some_exact(table, camera, line, axis, upper)
+    exact = (
+        None
+        if line is None or not table.rims or not table.affords(_FEWEST_EXACT)
+        else _some_exact(table, camera, line, axis, upper)
+    )
     return SensorSquare(modulation, step, table.coarse_uncertainty, line, exact)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from klayout import db
 
-from maskfab.base.arrays import Floats, Ints, Mask
+from maskfab.base.arrays import Floats, Ints, Mask, expanded
 from maskfab.base.model import Box
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Stop
 
 _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 400_000_000
-_ROW = 1 << 32
+_ROW, _MET_PER_SECOND = 1 << 32, 1e8
 
 
 def edges_in_stop(
@@ -20,9 +20,9 @@ def edges_in_stop(
 ) -> tuple[Floats, float]:
     """Boundary of shapes ∩ stop about the stop's centre.
 
-    A circle becomes a regular polygon of 4096 sides and the circle's own area, an ellipse that polygon stretched;
-    coordinates are refined to a fraction of a nanometre first, so that neither the sides nor their rounding shows at
-    1e-8.
+    A circle becomes a regular polygon of 4096 sides and the circle's own area, an ellipse that polygon stretched.
+    Before a stop with corners coordinates are refined to a fraction of a nanometre, so that their rounding does not
+    show at 1e-8; the area before a round one is exact.
 
     Args:
         shapes: what is clear, in nanometres; see :func:`stop_box` for how much of it is needed. Either a region, or
@@ -35,20 +35,106 @@ def edges_in_stop(
         touch that the stop holds, neither has an edge; where it cuts one both have, and cancel in any integral.
     """
     if isinstance(shapes, db.Region):
-        return _polygon_edges(shapes if apart or shapes.is_merged() else shapes.merged(True, 1), stop, centre_nm)
+        merged = shapes if apart or shapes.is_merged() else shapes.merged(True, 1)
+        if not stop.round:
+            return _polygon_edges(merged, stop, centre_nm)
+        return _in_round_stop((region_edges(merged) - np.tile(centre_nm, 2)) * UM_PER_NM, stop)
     corners = shapes - np.tile(centre_nm, 2)
     inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *corners.T)
-    cut = db.Region()
-    low_x, low_y, high_x, high_y = stop_box(stop, centre_nm)
-    near = np.clip(shapes[~inside & ~outside], (low_x, low_y, low_x, low_y), (high_x, high_y, high_x, high_y))
-    for box in near.tolist():
-        cut.insert(db.Box(*box))
-    rim, rim_area = _cut_edges(cut, stop, centre_nm)
+    near = shapes[~inside & ~outside]
+    if stop.round:
+        corners = (near - np.tile(centre_nm, 2)) * UM_PER_NM
+        sides = ((0, 1, 2, 1), (2, 1, 2, 3), (2, 3, 0, 3), (0, 3, 0, 1))
+        rim, rim_area = _in_round_stop(np.concatenate([corners[:, side] for side in sides]), stop)
+    else:
+        low_x, low_y, high_x, high_y = stop_box(stop, centre_nm)
+        near = np.clip(near, (low_x, low_y, low_x, low_y), (high_x, high_y, high_x, high_y))
+        rim, rim_area = _cut_edges(db.Region([db.Box(*box) for box in near.tolist()]), stop, centre_nm)
     middle = np.rint(centre_nm).astype(np.int64)
     x0, y0, x1, y1 = (shapes[inside] - np.tile(middle, 2)).T
     level, upright = _sides(y0, y1, x0, x1), _sides(x1, x0, y0, y1)[:, [1, 0, 3, 2]]
     whole = (np.concatenate([level, upright]) + np.tile(middle - centre_nm, 2)) * UM_PER_NM
     return np.concatenate([whole, rim]), rim_area + float((UM_PER_NM**2 * (x1 - x0) * (y1 - y0)).sum())
+
+
+def region_edges(region: db.Region) -> Floats:
+    """Edges [n, 4] of x0, y0, x1, y1 in database units, what a region holds on the left of each."""
+    # KLayout has it on the right.
+    corners = (c for e in region.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
+    return np.fromiter(corners, dtype=np.float64).reshape(-1, 4)
+
+
+def sweep_s(region: db.Region) -> tuple[float, float]:
+    """About how long a sweep over raw edges takes, along x and along y; it looks at all that are side by side."""
+    edges, box = region_edges(region), region.bbox()
+    along_x, along_y = abs(edges[:, 2:] - edges[:, :2]).sum(axis=0).tolist()
+    each = len(edges) / _MET_PER_SECOND
+    return each * along_x / max(1, box.width()), each * along_y / max(1, box.height())
+
+
+def _in_round_stop(edges_um: Floats, stop: Stop) -> tuple[Floats, float]:
+    """Boundary and area of disjoint polygons inside a circle or an ellipse; of a hole's, turned, they are taken off."""
+    half = np.array(stop.sides_um) / 2
+    edges, area = _in_disc(edges_um / np.tile(half, 2), 1.0)
+    if stop.inner_share:
+        hole, dark = _in_disc(edges, stop.inner_share)
+        edges, area = np.concatenate([edges, hole[:, [2, 3, 0, 1]]]), area - dark
+    return edges * np.tile(half, 2), area * float(half.prod())
+
+
+def _in_disc(edges: Floats, radius: float) -> tuple[Floats, float]:
+    """Boundary of polygons inside a circle, and their area there, whose arcs are not replaced by chords.
+
+    An edge is cut where it meets the circle; two that share a corner find the same side of the circle for it, so that
+    as many edges leave the disc as enter it. From where one leaves to where the next one enters the rim is clear.
+    """
+    start, end = edges[:, :2], edges[:, 2:]
+    span = end - start
+    from_in, to_in = ((point**2).sum(axis=1) < radius**2 for point in (start, end))
+    # Where the middle is nearest, in shares of the edge, and half of the chord; edges may be far longer than the disc.
+    square = np.maximum((span**2).sum(axis=1), np.finfo(float).tiny)
+    nearest = -(start * span).sum(axis=1) / square
+    chord = radius**2 - (start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]) ** 2 / square
+    held = from_in | to_in | ((chord > 0) & (nearest > 0) & (nearest < 1))
+    start, end, span, nearest = start[held], end[held], span[held], nearest[held]
+    enters, leaves, chord = ~from_in[held], ~to_in[held], np.sqrt(np.maximum(chord, 0) / square)[held]
+    first, last = (
+        (start + np.clip(nearest + sign * chord, 0, 1)[:, None] * span)[met]
+        for sign, met in ((-1, enters), (1, leaves))
+    )
+    start[enters], end[leaves] = first, last
+    met = np.concatenate([last, first])
+    angle = np.arctan2(met[:, 1], met[:, 0]) % (2 * np.pi)
+    order = np.argsort(angle)
+    angle, change = angle[order], np.where(order < len(last), 1, -1)
+    ends = np.append(angle, angle[0] + 2 * np.pi) if angle.size else np.array([0.0, 2 * np.pi])
+    widest = int(np.argmax(np.diff(ends)))
+    # Off the middle, where masks have no edges by symmetry.
+    probe = ends[widest] + 0.382 * (ends[widest + 1] - ends[widest])
+    x, y = radius * np.cos(probe), radius * np.sin(probe)
+    above, above_end = edges[:, 1] > y, edges[:, 3] > y
+    x0, y0, x1, y1 = edges[above != above_end].T
+    right = x0 + (y - y0) * ((x1 - x0) / (y1 - y0)) > x
+    turns = np.cumsum(change) if angle.size else np.zeros(1)
+    clear = turns - turns[widest] + np.sign(y1 - y0)[right].sum() > 0
+    begins, stops = ends[:-1][clear], ends[1:][clear]
+    area = float((start[:, 0] * end[:, 1] - end[:, 0] * start[:, 1]).sum() + radius**2 * (stops - begins).sum()) / 2
+    return np.concatenate([np.hstack([start, end]), _rim_edges(begins, stops, radius)]), area
+
+
+def _rim_edges(begin: Floats, end: Floats, radius: float) -> Floats:
+    """Chords [n, 4] of arcs, from angles to angles; corners between are as far out as leaves the area what it is."""
+    turn = 2 * np.pi / _RIM_VERTICES
+    first, last = (np.floor(begin / turn - 0.5) + 1), np.ceil(end / turn - 0.5)
+    corners = np.maximum(last - first, 0).astype(np.intp) + 2
+    arc, number = expanded(corners)
+    angle = (first[arc] + number - 0.5) * turn
+    out = np.full(arc.size, radius * np.sqrt(turn / np.sin(turn)))
+    for at_end, place in ((number == 0, begin), (number == corners[arc] - 1, end)):
+        angle[at_end], out[at_end] = place, radius
+    points = np.stack([out * np.cos(angle), out * np.sin(angle)], axis=1)
+    within = np.flatnonzero(arc[1:] == arc[:-1])
+    return np.hstack([points[within], points[within + 1]])
 
 
 def _sides(forth: Ints, back: Ints, start: Ints, end: Ints) -> Ints:
@@ -83,9 +169,7 @@ def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]
         if not away:
             (whole if held else near).insert(polygon)
     whole.merged_semantics = False
-    # KLayout has the clear side on the right of an edge, the field formula on the left.
-    corners = (c for e in whole.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
-    edges = (np.fromiter(corners, dtype=np.float64).reshape(-1, 4) - np.tile(centre_nm, 2)) * UM_PER_NM
+    edges = (region_edges(whole) - np.tile(centre_nm, 2)) * UM_PER_NM
     rim, rim_area = _cut_edges(near & cutting_box(stop, centre_nm), stop, centre_nm)
     # A region's area is told in whole square nanometres of every polygon, of which slanted ones have halves.
     area = sum(polygon.area2() for polygon in whole.each()) / 2e6
@@ -99,12 +183,10 @@ def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) ->
     local = region.moved(-whole[0], -whole[1])
     local.transform(db.ICplxTrans(float(scale)))
     local.move(*(round((w - c) * scale) for w, c in zip(whole, centre_nm, strict=True)))
-    cut = local & stop_region(stop, NM_PER_UM * scale)
+    cut = cut_by_stop(local, stop, NM_PER_UM * scale)
     cut.merge()
     per_um = UM_PER_NM / scale
-    # KLayout has the clear side on the right of an edge, the field formula on the left.
-    corners = (c for e in cut.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
-    return np.fromiter(corners, dtype=np.float64).reshape(-1, 4) * per_um, cut.area() * per_um**2
+    return region_edges(cut) * per_um, cut.area() * per_um**2
 
 
 def stop_box(stop: Stop, centre_nm: tuple[float, float], margin_nm: int = 0) -> Box:
@@ -120,6 +202,14 @@ def cutting_box(stop: Stop, centre_nm: tuple[float, float]) -> db.Region:
     Its sides are as far from the stop as they can be: they cut slanted edges at whole nanometres, and so turn them.
     """
     return db.Region(db.Box(*stop_box(stop, centre_nm, int(stop.diameter_um * NM_PER_UM / 2))))
+
+
+def cut_by_stop(region: db.Region, stop: Stop, per_um: float) -> db.Region:
+    """A region about the origin cut by the stop, swept over along the axis on which fewer edges are side by side."""
+    (across, up), cutter = sweep_s(region), stop_region(stop, per_um)
+    if up <= across:
+        return region & cutter
+    return (region.transformed(db.Trans.M45) & cutter.transformed(db.Trans.M45)).transformed(db.Trans.M45)
 
 
 def stop_region(stop: Stop, per_um: float) -> db.Region:
@@ -165,7 +255,7 @@ def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) ->
                     middle_x > px + (middle_y - py) * ((qx - px) / (qy - py))
                 )
         return within & ~met, ~within & ~met
-    (far_x, near_x), (far_y, near_y) = (_far_and_near(low, high) for low, high in ((x0, x1), (y0, y1)))
+    (far_x, near_x), (far_y, near_y) = (far_and_near(low, high) for low, high in ((x0, x1), (y0, y1)))
     width, height = stop.sides_um
     if not stop.round:
         inside = (far_x <= width / 2) & (far_y <= height / 2)
@@ -182,7 +272,7 @@ def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) ->
     return np.asarray(inside), np.asarray(outside)
 
 
-def _far_and_near(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def far_and_near(low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """The largest and the least distance from 0 along one axis."""
     far, near = np.maximum(abs(low), abs(high)), np.minimum(abs(low), abs(high))
     return far, np.where((low < 0) & (high > 0), 0.0, near)

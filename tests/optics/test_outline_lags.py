@@ -38,10 +38,8 @@ def polygons(kind: str, seed: int, reach_um: float = 130.0) -> db.Region:
 
 
 def of(shapes: db.Region, stop: Stop) -> OutlineLags:
-    edges, _ = edges_in_stop(shapes, stop, (0.0, 0.0))
-    lags = outline_lags(shapes, stop, (0.0, 0.0), lambda lines: outline_coverage(edges, lines, lines))
-    assert lags is not None
-    return lags
+    edges, area = edges_in_stop(shapes, stop, (0.0, 0.0))
+    return outline_lags(shapes, stop, (0.0, 0.0), edges, area, outline_coverage)
 
 
 def shared_um2(shapes: db.Region, stop: Stop, lag_um: tuple[float, float]) -> float:
@@ -148,3 +146,83 @@ def test_no_bar_of_a_mask_on_no_grid_is_below_the_truth(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_bar_of_forty_masks_on_no_grid_is_below_the_truth(kind: str, seed: int) -> None:
     held(kind, seed)
+
+
+def stripes(turn: float, seed: int) -> db.Region:
+    """A polygon of long teeth off any grid, turned by an angle."""
+    random = np.random.default_rng(seed)
+    corners = [(-110.0, -100.0)]
+    for x in np.arange(-100.0, 100.0, 5.3):
+        top, wide = random.uniform(-20.0, 95.0), random.uniform(1.5, 3.5)
+        corners += [(x, -95.0), (x, top), (x + wide, top), (x + wide, -95.0)]
+    corners += [(110.0, -95.0), (110.0, -100.0)]
+    turned = np.array(corners) @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    polygon = db.Polygon([db.Point(*point) for point in np.rint(1000 * turned).astype(int).tolist()])
+    return db.Region(polygon).merged(True, 1)
+
+
+def holed() -> db.Region:
+    """Boxes with holes and boxes that touch, of which a region that is not merged holds each on its own."""
+    shapes = polygons("boxes", 3) - db.Region(
+        [db.Box(1000 * x, -70_001, 1000 * x + 777, 65_003) for x in range(-90, 90, 9)]
+    )
+    shapes += db.Region([db.Box(5000, 70_003, 25_001, 90_001), db.Box(25_001, 70_003, 40_003, 85_000)])
+    return shapes.merged(True, 1)
+
+
+DEAR = {
+    "boxes": lambda: polygons("boxes", 5),
+    "triangles": lambda: polygons("triangles", 2),
+    "comb": lambda: stripes(0.0, 1),
+    "level": lambda: stripes(np.pi / 2, 1),
+    "slanted": lambda: stripes(0.3, 1),
+    "holed": holed,
+}
+
+
+@pytest.mark.parametrize("kind", DEAR)
+def test_bounds_hold_where_no_lag_is_exact(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the lattice, the cuts, the least of every ring and the mean, against lags that booleans have proved exact."""
+    shapes = DEAR[kind]()
+    known = of(shapes, ROUND)
+    lags = np.array([(3.0, 1.0), (-40.0, 61.5), (75.5, 12.0)])
+    true = [shared_um2(shapes, ROUND, (x, y)) for x, y in lags.tolist()]
+    np.testing.assert_allclose(known.autocorrelation_um2(*lags.T), true, rtol=0, atol=2e-8 * known.area_um2)
+    monkeypatch.setattr("maskfab.optics.outline_lags._MOST_PAIRS", 0)
+    dear = of(shapes, ROUND)
+    assert known.pairs
+    assert not dear.pairs
+    area = dear.area_um2
+    pupil = raster_of(shapes, ROUND, 0.9)
+    table = lag_table(pupil, longest_lag_um(CAMERA), dear)
+    mtf = presampled_mtf(table, CAMERA, 530.0)
+    nu = mtf.frequency_cy_per_mm / 1e3
+    scale = image_scale_um2(CAMERA, 530.0)
+    across, up, exact = everywhere(known, scale * nu[1])
+    values, bounds = dear.on_lattice(scale * nu[1], nu.size)
+    error = abs(values[up, across + nu.size - 1] - exact)
+    assert (error <= bounds[up, across + nu.size - 1]).all()
+    pixel = np.sinc(nu[abs(across)] * CAMERA.pixel_um) * np.sinc(nu[up] * CAMERA.pixel_um)
+    ring, least, most = np.rint(np.hypot(across, up)).astype(int), np.full(nu.size, np.inf), np.zeros(nu.size)
+    np.minimum.at(least, ring, exact / area * pixel)
+    np.maximum.at(most, ring, exact / area * pixel)
+    least[ring.max() :] = 0.0
+    assert abs(area_under_radial_min(mtf) - least.mean()) <= mtf.minimum_uncertainty < 0.2
+    for name, x, y in (("horizontal", 1, 0), ("vertical", 0, 1), ("diagonal", 0.5**0.5, 0.5**0.5)):
+        cut_of = known.autocorrelation_um2(scale * nu * x, scale * nu * y) / area
+        cut_of = cut_of * np.sinc(nu * x * CAMERA.pixel_um) * np.sinc(nu * y * CAMERA.pixel_um)
+        assert (abs(mtf.cuts[name] - cut_of) <= mtf.uncertainty).all()
+    inner = np.arange(ring.max())
+    assert (abs(mtf.cuts["radial_max"] - most)[inner] <= mtf.uncertainty).all()
+    random = np.random.default_rng(1)
+    x, y = random.uniform(-90, 90, (2, 60))
+    off = abs(table.otf(x, y) - known.autocorrelation_um2(x, y) / area)
+    assert (off <= table.error_at(x, y) + 1e-7).all()
+
+
+def test_of_polygons_with_too_many_parts_none_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slanted polygons beside boxes: all are known exactly, or no lag is."""
+    shapes = polygons("boxes", 1) - db.Region(db.Polygon([db.Point(-90_000, 0), db.Point(0, 1), db.Point(9, -999)]))
+    assert of(shapes, ROUND).pairs
+    monkeypatch.setattr("maskfab.optics.outline_lags._MOST_PARTS_CUT", 100)
+    assert not of(shapes, ROUND).pairs

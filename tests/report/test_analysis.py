@@ -218,7 +218,7 @@ def test_a_mask_of_odd_coordinates_is_seen_through_a_fine_grid_and_says_so(tmp_p
         return quantity
 
     difference = told(found, "readback_psf_difference")
-    assert "raster of 0.5 um" in difference.method
+    assert "raster of 1 um" in difference.method
     assert 1e-8 < difference.value < 1e-2
     assert told(clean, "readback_psf_difference").value < 1e-7
     # What is told of the PSF is the polygons' own, which no raster has touched; so is the area.
@@ -299,6 +299,29 @@ def test_the_energy_of_an_ellipse_in_a_square_is_that_of_its_field_in_closed_for
     exact = (side_um / 2) ** 2 * (weights @ abs(field) ** 2 @ weights) / (scale**2 * area)
     assert found.method.startswith("energy within a square of 10 um")
     assert abs(found.value - exact) <= found.uncertainty < 3e-8
+
+
+def test_masks_that_would_take_minutes_are_refused_by_a_forecast(tmp_path, monkeypatch):
+    """Polygons that meet many others side by side when merged, and edges that run along very many dots."""
+    slats = [[(x, 0), (x + 3_001, 90_000), (x + 8_000, 90_000), (x + 5_000, 0)] for x in range(0, 90_000, 4_003)]
+    path = drawn(tmp_path / "slats.gds", slats)
+    assert numbers(path)["stop_open_ratio"] > 0
+    for limit, what in (("_LONGEST_MERGE_S", "s to merge; the limit is 0 s"), ("_MOST_CROSSED", "run along .+ dots")):
+        with monkeypatch.context() as held:
+            held.setattr(f"maskfab.report.rows.analysis.{limit}", 0)
+            with pytest.raises(SourceError, match=f"MF313.*{what}") as refused:
+                numbers(path)
+        assert refused.value.cure
+
+
+def test_overlapping_polygons_are_merged_along_either_axis(tmp_path):
+    """Teeth that stand, which a sweep meets at once, and teeth that lie."""
+    teeth = [box(4_003 * k, 1_777 * (k % 5), 4_003 * k + 5_000, 90_001) for k in range(22)]
+    standing = drawn(tmp_path / "standing.gds", teeth)
+    lying = drawn(tmp_path / "lying.gds", [[(y, x) for x, y in corners] for corners in teeth])
+    stands, lies = numbers(standing), numbers(lying)
+    for name in ("stop_open_ratio", "auc_radial_min", "mtf50"):
+        assert stands[name] == pytest.approx(lies[name], rel=1e-9), name
 
 
 def test_a_coarser_grid_makes_the_error_grow(tmp_path):

@@ -30,7 +30,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from maskfab.base.arrays import Complexes, Floats, Indices
+from maskfab.base.arrays import Complexes, Floats, Indices, expanded
 from maskfab.base.errors import InternalError
 from maskfab.base.model import frozen
 from maskfab.optics.polynomials import gauss_legendre
@@ -215,8 +215,7 @@ def _boundary_nodes(edges: Floats, highest: float) -> _Nodes:
     cycles = np.hypot(*span) * highest
     pieces = np.maximum(1, np.ceil(cycles / _LONGEST_PIECE_CYCLES)).astype(np.intp)
     if (pieces > 1).any():
-        owner = np.repeat(np.arange(len(edges)), pieces)
-        number = np.arange(owner.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        owner, number = expanded(pieces)
         span = span[:, owner] / pieces[owner]
         start = start[:, owner] + number * span
         cycles = cycles[owner] / pieces[owner]

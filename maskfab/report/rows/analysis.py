@@ -41,7 +41,7 @@ from maskfab.optics.response import curves_text
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.stop_edges import cutting_box, edges_in_stop, stop_box
+from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, stop_box, sweep_s
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
@@ -58,6 +58,7 @@ _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
 _SECONDS_OF_OPTICS, _USUAL_STOP_UM = 180, 4000.0
 _SHAPES_PER_SECOND, _MANY_VERTICES, _VERTICES_OF_A_SHAPE = 4_000, 20_000, 16
+_LONGEST_MERGE_S, _MOST_CROSSED = 40, 100_000_000
 _MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
 
 MOST_SHAPES_SEEN = 3_000_000
@@ -360,16 +361,13 @@ def _draw(
     twice, slanted = edge_distances(inside, stop, (0.0, 0.0))
     # Without an edge in sight every grid is exact.
     coordinates = sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM]
-    lattice = _lattice(coordinates, request, dots, slanted=slanted and outlined)
+    lattice = _lattice(coordinates, request, dots, slanted=slanted, outlined=outlined)
     check_optics(camera, lattice.dot_um, where=str(path))
     aperture = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0), apart=apart)
     if not outlined or (not slanted and twice <= set(np.rint(2 * NM_PER_UM * lattice.edges_um()).astype(int).tolist())):
         return name, edges, area, lattice, aperture, None
-
-    def raster(lines_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        return outline_coverage(edges, lines_um, lines_um)
-
-    return name, edges, area, lattice, aperture, outline_lags(inside, stop, (0.0, 0.0), raster)
+    lags = outline_lags(inside, stop, (0.0, 0.0), edges, area, outline_coverage)
+    return name, edges, area, lattice, aperture, lags
 
 
 def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region]:
@@ -400,7 +398,25 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     )
     drawn.move(-centre[0], -centre[1])
     drawn.merged_semantics = False
-    return cell.name, layer, drawn if _lie_apart(drawn) else drawn.merged(True, 1)
+    return cell.name, layer, drawn if _lie_apart(drawn) else _merged(drawn, path)
+
+
+def _merged(drawn: db.Region, path: Path) -> db.Region:
+    """Polygons merged by a sweep along the axis on which fewer edges are met at once.
+
+    Raises:
+        SourceError: MF313 if that still takes too long.
+    """
+    across, up = sweep_s(drawn)
+    if min(across, up) > _LONGEST_MERGE_S:
+        what = f"polygons of {path.name} that touch or overlap would take {min(across, up):.0f} s to merge"
+        cure = "Draw them apart or merged: a polygon of any number of vertices, which OASIS holds whole, is not merged"
+        raise SourceError("MF313", f"{what}; the limit is {_LONGEST_MERGE_S} s", where=str(path), cure=cure)
+    if up <= across:
+        return drawn.merged(True, 1)
+    turned = drawn.transformed(db.Trans.R90)
+    turned.merged_semantics = False
+    return turned.merged(True, 1).transformed(db.Trans.R270)
 
 
 def _lie_apart(drawn: db.Region) -> bool:
@@ -424,21 +440,34 @@ def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> 
     """
     drawn = db.Region(shapes)
     drawn.merged_semantics = False
-    count = max(drawn.count(), drawn.edges().count() // _VERTICES_OF_A_SHAPE)
+    edges = region_edges(drawn)
+    count = max(drawn.count(), len(edges) // _VERTICES_OF_A_SHAPE)
     if count > MOST_SHAPES_SEEN:
         what = f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}"
         cure = "Use a smaller --stop, or draw the mask with fewer shapes"
+        raise SourceError("MF313", what, where=str(path), cure=cure)
+    # Transforms of edges take time by their lengths, and rasters of slanted ones as much again.
+    spans = abs(edges[:, 2:] - edges[:, :2])
+    length_um = float(spans.sum() + spans[spans.all(axis=1)].sum()) / NM_PER_UM
+    crossed = length_um / (2 * stop.diameter_um / _FINEST_GRID)
+    if crossed > _MOST_CROSSED:
+        what = (
+            f"edges of {path.name} run along {crossed:.2g} dots, slanted ones twice; the limit is {_MOST_CROSSED:.0e}"
+        )
+        cure = "Use a smaller --stop, or draw the mask with fewer or shorter edges"
         raise SourceError("MF313", what, where=str(path), cure=cure)
     seconds = _SECONDS_OF_OPTICS * max(1.0, stop.diameter_um / _USUAL_STOP_UM) ** 2
     allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
 
 
-def _lattice(coordinates_nm: list[int], request: Request, dots: int | None, *, slanted: bool) -> Lattice:
+def _lattice(
+    coordinates_nm: list[int], request: Request, dots: int | None, *, slanted: bool, outlined: bool
+) -> Lattice:
     """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one.
 
     What the request says of the grid counts where the edges lie on it. Where they do not, because the geometry's middle
     is not that of its panel, the grid is found as if nothing were said; if there is none, the requested dot is taken.
-    Slanted edges lie on no grid, and on a fine one polygons tell what it does not.
+    Slanted edges lie on no grid; of what does not a grid half as fine will do where polygons tell what it does not.
     """
     diameter = request.camera.stop.diameter_um
     if dots is not None and request.dot_um is not None and request.pitch_um is not None:
@@ -447,13 +476,13 @@ def _lattice(coordinates_nm: list[int], request: Request, dots: int | None, *, s
         lattice = Lattice(start, cells, dots, request.dot_um, request.pitch_um)
         if set(coordinates_nm) <= set(np.rint(NM_PER_UM * lattice.edges_um()).astype(int).tolist()):
             return lattice
-    step_nm = 1 if slanted else math.gcd(*coordinates_nm)
-    finest_nm = math.ceil(diameter * NM_PER_UM * (2 if slanted else 1) / _FINEST_GRID)
+    step_nm = 1 if slanted and outlined else math.gcd(*coordinates_nm)
+    finest_nm = math.ceil(diameter * NM_PER_UM / _FINEST_GRID)
     dot_nm = None if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     if dot_nm is not None and (step_nm < finest_nm or step_nm % dot_nm == 0):
         step_nm = dot_nm
     elif step_nm < finest_nm:
-        step_nm = finest_nm
+        step_nm = 2 * finest_nm if outlined else finest_nm
     else:
         # A coarse grid would leave the phase across a dot large and the window short.
         whole = range(max(1, step_nm // _LARGEST_DOT_NM), step_nm + 1)
