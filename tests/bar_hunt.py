@@ -285,12 +285,12 @@ def _lobes(judge: Judge, points: Psf, picture: Picture, line: float) -> None:
     if contrast is not None and isinstance(contrast.value, float) and len(lobes):
         best = sorted(lobes[lobes[:, 2] > 0.97 * lobes[:, 2].max()].tolist(), key=lambda lobe: -lobe[2])[:6]
         highest = max(picture.climbed(x, y, step)[2] for x, y, _ in best)
-        judge.check("peak_to_side_lobe", peak / highest, line)
+        judge.check("peak_to_side_lobe", peak / highest, line, doubt=(peak / highest) ** 2 * (picture.error + 1e-14))
     if nearest is not None and isinstance(nearest.value, float) and len(lobes):
         away = np.hypot(lobes[:, 0], lobes[:, 1])
         near = lobes[away < away.min() + 2 * step][:4].tolist()
         distance = min(math.hypot(*picture.climbed(x, y, step)[:2]) for x, y, _ in near)
-        judge.check("first_side_lobe", distance, line)
+        judge.check("first_side_lobe", distance, line, doubt=1e-5 * step)
 
 
 def _streaks(judge: Judge, points: Psf, picture: Picture, line: float) -> None:

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 
-_NODES = 8
+_NODES = 16
 _ELEMENTS = 4_000_000
 
 
@@ -348,7 +348,7 @@ class Picture:
     @classmethod
     def nodes(cls, half_um: float, highest: float) -> tuple[np.ndarray, np.ndarray]:
         """Places and weights along an axis for intensities of no frequency above ``highest``."""
-        return leggauss(math.ceil(2 * np.pi * half_um * highest * 1.15) + 24)
+        return leggauss(math.ceil(2 * np.pi * half_um * highest * 1.2) + 32)
 
     @classmethod
     def of(cls, half_um: float, values: np.ndarray) -> Picture:

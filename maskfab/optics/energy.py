@@ -1,4 +1,4 @@
-"""Numbers of a PSF: energy inside circles and squares, side lobes, streaks, colour fringes, and diffraction orders.
+"""Numbers of a PSF: energy inside circles and squares, streaks, colour fringes, and diffraction orders.
 
 **Energy** inside a region comes from samples alone. A PSF holds no frequency above B along either axis. The indicator
 of a region, low-passed along both by any φ̂ that is 1 up to B and 0 beyond 1/h - B, then has the same integral against
@@ -247,58 +247,7 @@ def _box_weights(position: Floats, side: float, step: float, highest: float) -> 
     return np.asarray(np.cos(2 * np.pi * position[:, None] * nu) @ amplitude)
 
 
-# Below it a maximum is rounding noise.
-_FAINTEST = 1e-12
 _STREAK_ORDERS = 18
-
-
-def peak_to_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
-    """Peak over the brightest side lobe, a side lobe being any other local maximum; None if the window has none."""
-    lobes = _side_lobes(psf)
-    peak = _peak(psf)
-    value = uncertainty = None
-    where = "none inside the window"
-    if lobes.size:
-        best = lobes[np.argmax(lobes[:, 1])]
-        value = peak / float(best[1])
-        uncertainty = value * float(best[2] / best[1])
-        where = f"the brightest is {best[0]:.4g} um from the axis"
-    return Quantity(
-        "peak_to_side_lobe",
-        value,
-        f"peak over the brightest other local maximum, refined by a parabola through 3 x 3 samples; {where}",
-        uncertainty=uncertainty,
-        die=die,
-        wavelength_nm=psf.wavelength_nm,
-    )
-
-
-def first_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
-    """Distance of the side lobe nearest to the axis; None if the window has none."""
-    lobes = _side_lobes(psf)
-    nearest = float(lobes[:, 0].min()) if lobes.size else None
-    return Quantity(
-        "first_side_lobe",
-        nearest,
-        "distance from the axis of the nearest other local maximum, refined by a parabola through 3 x 3 samples",
-        uncertainty=None if nearest is None else psf.step_um / 2,
-        die=die,
-        wavelength_nm=psf.wavelength_nm,
-    )
-
-
-def brightest_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
-    """Distance of the brightest side lobe from the axis; None if the window has none."""
-    lobes = _side_lobes(psf)
-    place = float(lobes[np.argmax(lobes[:, 1]), 0]) if lobes.size else None
-    return Quantity(
-        "brightest_side_lobe",
-        place,
-        "distance from the axis of the brightest other local maximum, refined by a parabola through 3 x 3 samples",
-        uncertainty=None if place is None else psf.step_um / 2,
-        die=die,
-        wavelength_nm=psf.wavelength_nm,
-    )
 
 
 def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = None) -> Quantity:
@@ -392,31 +341,6 @@ def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity
 def _peak(psf: Psf) -> float:
     middle = psf.values.shape[0] // 2
     return float(psf.values[middle, middle])
-
-
-def _side_lobes(psf: Psf) -> Floats:
-    """Distance, height and uncertainty of the height of every side lobe, [k, 3]."""
-    values, middle = psf.values, psf.values.shape[0] // 2
-    is_lobe = values > _FAINTEST * values[middle, middle]
-    is_lobe[middle, middle] = False
-    is_lobe[[0, -1]] = is_lobe[:, [0, -1]] = False
-    across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
-    is_lobe[1:-1, 1:-1] &= values[1:-1, 1:-1] >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
-    row, column = np.nonzero(is_lobe)
-    if not row.size:
-        return np.empty((0, 3))
-    near = np.stack([[values[row + j, column + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)])
-    slope = np.stack([near[1, 2] - near[1, 0], near[2, 1] - near[0, 1]], axis=-1) / 2
-    across = (near[2, 2] + near[0, 0] - near[2, 0] - near[0, 2]) / 4
-    curve_x, curve_y = near[1, 2] + near[1, 0] - 2 * near[1, 1], near[2, 1] + near[0, 1] - 2 * near[1, 1]
-    curvature = np.stack([np.stack([curve_x, across], -1), np.stack([across, curve_y], -1)], -1)
-    # Along a ring the curvature all but vanishes; its pseudo-inverse moves across the ring only.
-    move = -np.einsum("kij,kj->ki", np.linalg.pinv(curvature, rcond=1e-2, hermitian=True), slope)
-    move = np.where((abs(move) <= 1).all(axis=1, keepdims=True), move, 0.0)
-    gain = np.einsum("ki,ki->k", slope, move) / 2
-    distance = psf.step_um * np.hypot(row - middle + move[:, 1], column - middle + move[:, 0])
-    lobe = near[1, 1]
-    return np.stack([distance, lobe + gain, abs(gain) + 1e-15 * values[middle, middle]], axis=-1)
 
 
 def _brightest_direction(tail: Floats, turn: Complexes) -> float:

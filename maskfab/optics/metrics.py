@@ -18,7 +18,6 @@ from maskfab.optics.energy import (
     colour_distance,
     energy_normalised_strehl,
     ensquared_energy,
-    first_side_lobe,
     halo_energy,
     streak_index,
     within_circle,
@@ -38,6 +37,7 @@ from maskfab.optics.mtf import (
 )
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.restoration import noise_gain, sensor_square, worst_wiener
+from maskfab.optics.side_lobes import ExactPsf, first_side_lobe
 from maskfab.optics.spectrum import Spectrum
 
 NOISE_TO_SIGNAL = 0.015
@@ -50,8 +50,6 @@ _HALO_UM = 25.0
 _STREAK_UM = (10.0, 50.0)
 # Of a colour's number, the error with which it still ranks designs; and what is too small to matter.
 _LARGEST_BAR, _LEAST_DISTANCE = 0.15, 0.01
-# How far the first side lobe is looked for before the whole window is, in units of λf / D.
-_NEAR_ORDERS = 8
 
 FASTEST_PARAXIAL = 1.4
 """The f-number below which a user is told that the model is paraxial: there the PSF of an open stop is off by 3 %.
@@ -327,25 +325,22 @@ def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float
     return [worst_wiener(square, NOISE_TO_SIGNAL, die), noise_gain(square, NOISE_TO_SIGNAL, die)]
 
 
-def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
+def shape_quantities(seen: ExactPsf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
     """Core, halo, side lobes and streaks of one wavelength's PSF; cheap, so fit for every wavelength.
 
     Core and halo are counted in whole pixels, the others found between points. Radii that a small window cannot hold
     shrink to it; what it cannot tell at all is None.
 
     Args:
-        points: sampled at points over the window.
+        seen: sampled at points over the window, and the field itself.
     """
+    points = seen.samples
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
-    reach = _NEAR_ORDERS / highest
-    nearest = first_side_lobe(_middle_part(points, reach), die)
-    # Of a square's corners only what lies within its inner circle is known to be the nearest.
-    near = isinstance(nearest.value, float) and nearest.value < reach - points.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
         _closer_halo(halo_of(pixels, camera, die), points, pixels, cutoff(camera, min(camera.wavelengths_nm))),
-        nearest if near else first_side_lobe(points, die),
+        first_side_lobe(seen, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]

@@ -74,9 +74,9 @@ class Leak:
             return None
         return cls(10 ** (-blank.optical_density / 2) * cmath.exp(2j * cmath.pi * blank.film_phase_waves), stop)
 
-    def field(self, openings: Complexes, axis: Floats) -> Complexes:
-        """The field of openings and film from that of the openings alone, on a square grid of frequencies [n, n]."""
-        clear = clear_field(self.stop, axis, axis[:, None])
+    def field(self, openings: Complexes, u: Floats, v: Floats) -> Complexes:
+        """The field of openings and film from that of the openings alone, at frequencies [nu] and [nv], [nv, nu]."""
+        clear = clear_field(self.stop, u, v[:, None])
         return np.asarray((1 - self.amplitude) * openings + self.amplitude * clear)
 
     def energy_um2(self, clear_um2: float) -> float:
@@ -203,7 +203,8 @@ def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_n
 def _leaking_psf(
     quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
 ) -> Psf:
-    field = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
+    axis = np.concatenate([-frequency[:0:-1], frequency])
+    field = leak.field(quadrant.amplitude(), axis, axis)
     norm = psf_norm_um6(image_scale_um2(camera, wavelength_nm), leak.energy_um2(pupil.energy_um2))
     values = (field.real**2 + field.imag**2) / norm
     return Psf(values, point_step_um(camera), wavelength_nm, "point")

@@ -115,6 +115,18 @@ class Boundary:
         field[block] += self.area_um2
         return field
 
+    def at(self, u: Floats, v: Floats) -> Complexes:
+        """The field at frequencies [nu] and [nv] along the axes, summed node by node, [nv, nu]."""
+        total = np.zeros((v.size, u.size), dtype=np.complex128)
+        for nodes in self._parts():
+            for start in range(0, nodes.dx.size, _PHASES_AT_A_TIME):
+                part = slice(start, start + _PHASES_AT_A_TIME)
+                across, up = (np.exp(-2j * np.pi * q[:, None] * nodes.points[k, part]) for k, q in enumerate((u, v)))
+                total += u * ((up * nodes.dy[part]) @ across.T) - v[:, None] * ((up * nodes.dx[part]) @ across.T)
+        squared = u**2 + v[:, None] ** 2
+        total *= 1j / (2 * np.pi) / np.where(squared, squared, 1.0)
+        return np.where(squared, total, self.area_um2)
+
     def _near(self, step: float, most: int) -> int:
         """Number of frequencies on either side of 0 that are summed directly."""
         extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))

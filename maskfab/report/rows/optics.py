@@ -24,7 +24,7 @@ from maskfab.mask.job import Job
 from maskfab.mask.plate import mirrored
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture
 from maskfab.optics import metrics
-from maskfab.optics.energy import order_quantities, peak_to_side_lobe
+from maskfab.optics.energy import order_quantities
 from maskfab.optics.field.polygons import Boundary, boundary
 from maskfab.optics.film_lags import lit_lags
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
@@ -42,6 +42,7 @@ from maskfab.optics.psf import (
 )
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
 from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.optics.side_lobes import ExactPsf, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
 
 
@@ -197,6 +198,7 @@ def measure_pupils(
             pixels = pixel_psf(read_psf, camera)
         error = metrics.relative_difference(polygons, of_matrix)
         mtf = presampled_mtf(table, camera, wavelength)
+        seen = ExactPsf.of(points, outline if design is None else matrix, camera, leak)
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
@@ -206,10 +208,10 @@ def measure_pupils(
             difference(error, wavelength),
             *metrics.aliasing_quantities(lags, table, mtf, camera, die),
             *metrics.restoration_quantities(table, camera, wavelength, die),
-            *metrics.shape_quantities(points, pixels, camera, die),
+            *metrics.shape_quantities(seen, pixels, camera, die),
         ]
         if wavelength == middle_nm(camera):
-            quantities.append(peak_to_side_lobe(points, die))
+            quantities.append(peak_to_side_lobe(seen, die))
         progress("optics", len(mtfs), len(lines))
     edges = [edge_spread(lags, table, camera, wavelength) for wavelength in lines] if len(lines) == 3 else []
     quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die, edges)
@@ -269,7 +271,7 @@ def polygon_psf(outline: Boundary, camera: Camera, like: Psf, leak: Leak | None 
     field, energy = outline.field(like.step_um / scale, count), outline.area_um2
     if leak is not None:
         axis = like.step_um / scale * np.arange(-(count // 2), count // 2 + 1, dtype=np.float64)
-        field, energy = leak.field(field, axis), leak.energy_um2(energy)
+        field, energy = leak.field(field, axis, axis), leak.energy_um2(energy)
     intensity = (field.real**2 + field.imag**2) / psf_norm_um6(scale, energy)
     return Psf(intensity, like.step_um, like.wavelength_nm, "point")
 

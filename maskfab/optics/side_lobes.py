@@ -1,0 +1,269 @@
+r"""Side lobes of a PSF on the field itself: how high the brightest is, how far the nearest, each with a proved error.
+
+A side lobe is a maximum beside the one on the axis that samples of the intensity show, ``FINER`` times as fine as those
+of the PSF; a shoulder that none of them parts from a brighter lobe counts with that.
+
+**Between samples** at distance h along both axes a field E of no frequency above B / 2 is bounded by its samples: turned
+to be real where it is largest, it is nowhere above max |E_n| / cos(π h B / 2)² (S. Bernstein's inequality, as in R. Duffin
+and A. C. Schaeffer, Duke Math. J. 4, 236, 1938, for each axis in turn). The intensity |E|² so is nowhere more than
+cos(π h B / 2)^-4 above its samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones.
+For a part of the plane that holds of E times a window. So only tiles with a sample above a third of the brightest lobe
+are looked at more finely, and of their maxima all those that could still be brighter than the best are climbed.
+
+**A maximum is climbed** on a polynomial through n x n values of the field at Chebyshev nodes of a square of half side a
+about it. For any function 0 <= I <= M of no frequency above B, Bernstein's inequality bounds the n-th derivative along an
+axis by (2πB)^n M / 2, so one axis adds to the error of interpolation
+
+    2 (a/2)^n / n! (2πB)^n M / 2 = (πaB)^n / n! M                (NIST Handbook, 3.3.5, at Chebyshev's nodes)
+
+and two of them 1 + Λ times that, Λ = 1 + 2/π ln n being Lebesgue's constant. With n = 18 and a three of the finer
+samples' distances that is below 1e-15 of M. Where all light is in phase, M is the peak, the clear area over (λf)²; with a film that
+leaks it is no more than the stop's area over (λf)² (Cauchy, Schwarz). Within an error e of the polynomial the maximum
+lies no lower on it than 2 e below its top, so no farther from that than 2 sqrt(e / κ), κ being the least curvature there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebpts1, chebval2d, chebvander
+
+from maskfab.base.arrays import Floats
+from maskfab.base.model import Psf, Quantity
+from maskfab.job.camera import Camera
+from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.field.polygons import Boundary
+from maskfab.optics.psf import Leak, cutoff, image_scale_um2, psf_norm_um6
+from maskfab.optics.pupil import Pupil
+
+FINER = 4
+
+# Below it, of the peak, a maximum is rounding noise; and the rounding of a field, of the one on the axis.
+_FAINTEST, _ROUNDING = 1e-12, 2e-14
+_OF_POLYGONS = 1e-8
+_NODES = 18
+_LEBESGUE = 1 + 2 / math.pi * math.log(_NODES)
+# What parabolas through finer samples lose at most of a lobe that nothing near outshines; of PSF samples, the bound above.
+_LOST, _BETWEEN = 0.015, 2.8
+# Samples along a tile; half the side of a square that is climbed, in finer samples, places along what is looked at in it,
+# the last of their reaches, and how often the square moves on.
+_TILE, _SQUARE, _PLACES, _PLACE_ERROR, _STEPS = 16, 3, 17, 1e-7, 64
+# Half the side of the first square in which the nearest lobe is looked for, in units of λf / D; then twice as much.
+_FIRST_ORDERS = 2.5
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """A maximum of the intensity.
+
+    Attributes:
+        x_um, y_um: its place on the sensor.
+        intensity, error: per square micrometre, and the bound of its error.
+        distance_error_um: bound of the error of its distance from the axis.
+    """
+
+    x_um: float
+    y_um: float
+    intensity: float
+    error: float
+    distance_error_um: float
+
+    @property
+    def distance_um(self) -> float:
+        """Distance from the axis."""
+        return math.hypot(self.x_um, self.y_um)
+
+
+@dataclass(frozen=True, eq=False)
+class ExactPsf:
+    """The PSF of one line at any places.
+
+    Attributes:
+        samples: at points over the window.
+        intensity: of a tensor grid of places x [n] and y [m] in micrometres, float64 [m, n].
+        most: bound of the intensity anywhere.
+        highest: no frequency of it is higher along an axis, cycles per micrometre.
+        rounding: error of the field over that on the axis.
+        even: whether it is alike on opposite sides.
+    """
+
+    samples: Psf
+    intensity: Callable[[Floats, Floats], Floats]
+    most: float
+    highest: float
+    rounding: float
+    even: bool
+
+    @classmethod
+    def of(cls, samples: Psf, openings: Pupil | Boundary, camera: Camera, leak: Leak | None) -> ExactPsf:
+        """Of openings that the stop has cut, and of the film round them."""
+        outlined = isinstance(openings, Boundary)
+        clear = openings.area_um2 if isinstance(openings, Boundary) else openings.energy_um2
+        scale = image_scale_um2(camera, samples.wavelength_nm)
+        norm = psf_norm_um6(scale, clear if leak is None else leak.energy_um2(clear))
+
+        def intensity(x_um: Floats, y_um: Floats) -> Floats:
+            u, v = x_um / scale, y_um / scale
+            field = openings.at(u, v) if isinstance(openings, Boundary) else direct_field(openings, u, v)
+            if leak is not None:
+                field = leak.field(field, u, v)
+            return np.asarray((field.real**2 + field.imag**2) / norm)
+
+        most = (clear if leak is None else camera.stop.area_um2) / scale**2
+        highest = cutoff(camera, samples.wavelength_nm)
+        return cls(samples, intensity, most, highest, _OF_POLYGONS if outlined else _ROUNDING, leak is None)
+
+    @property
+    def _half_um(self) -> float:
+        return self.samples.step_um * (self.samples.values.shape[0] // 2)
+
+    @property
+    def _finer_um(self) -> float:
+        return self.samples.step_um / FINER
+
+    def brightest(self) -> Lobe | None:
+        """The brightest side lobe in the window; None if there is none."""
+        best: Lobe | None = None
+        tiles = sorted(self._tiles(), reverse=True)
+        for most, row, column in tiles:
+            if best is not None and most * _BETWEEN < best.intensity:
+                break
+            for top, x, y in self._maxima(column, row):
+                if best is None or top > (1 - _LOST) * best.intensity:
+                    lobe = self.climbed(x, y)
+                    best = lobe if best is None or lobe.intensity > best.intensity else best
+        return best
+
+    def nearest(self) -> Lobe | None:
+        """The side lobe next to the axis in the window; None if there is none."""
+        reach = _FIRST_ORDERS / self.highest
+        while True:
+            count = math.ceil(min(reach, self._half_um) / self._finer_um)
+            near = sorted(self._maxima((-count, count), (-count, count)), key=lambda found: math.hypot(*found[1:]))
+            # Of a square's corners only what lies within its inner circle is known to be the nearest.
+            whole = count * self._finer_um >= self._half_um
+            if near and (whole or math.hypot(*near[0][1:]) < (count - 2) * self._finer_um):
+                alike = math.hypot(*near[0][1:]) + self._finer_um / 2
+                climbed = [self.climbed(x, y) for _, x, y in near if math.hypot(x, y) <= alike]
+                return min(climbed, key=lambda lobe: lobe.distance_um)
+            if whole:
+                return None
+            reach *= 2
+
+    def _tiles(self) -> Iterator[tuple[float, tuple[int, int], tuple[int, int]]]:
+        """The largest sample off the middle lobe in or beside each tile; its finer samples' rows and columns."""
+        values, middle = self.samples.values, self.samples.values.shape[0] // 2
+        starts = range(0, 2 * middle, _TILE)
+        for top in starts:
+            for left in starts:
+                bottom, right = min(top + _TILE, 2 * middle), min(left + _TILE, 2 * middle)
+                part = values[max(0, top - 1) : bottom + 2, max(0, left - 1) : right + 2]
+                rows, columns = ((FINER * (a - middle), FINER * (b - middle)) for a, b in ((top, bottom), (left, right)))
+                yield float(part.max()), rows, columns
+
+    def _maxima(self, columns: tuple[int, int], rows: tuple[int, int]) -> Iterator[tuple[float, float, float]]:
+        """Estimated height, and place, of the finer samples in a tile that none beside them exceeds, the highest first.
+
+        Of an intensity that is alike on opposite sides one half is enough.
+        """
+        x, y = (self._finer_um * np.arange(first - 1, last + 2) for first, last in (columns, rows))
+        values = self.intensity(x, y)
+        across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
+        inner = values[1:-1, 1:-1]
+        lobes = inner >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
+        lobes &= inner > _FAINTEST * self.most
+        # What lies on the window's edge, or on the axis, is none.
+        inside = [abs(axis[1:-1]) < self._half_um - self._finer_um / 2 for axis in (y, x)]
+        lobes &= inside[0][:, None] & inside[1] & (np.hypot(x[1:-1], y[1:-1, None]) > 1.5 * self._finer_um)
+        if self.even:
+            lobes &= (y[1:-1, None] > 0) | ((y[1:-1, None] == 0) & (x[1:-1] > 0))
+        row, column = np.nonzero(lobes)
+        right, across = _parabola(*(values[row + 1, column + k] for k in range(3)))
+        above, up = _parabola(*(values[row + k, column + 1] for k in range(3)))
+        heights = inner[row, column] + right + above
+        places = x[column + 1] + self._finer_um * across, y[row + 1] + self._finer_um * up
+        order = np.argsort(-heights, kind="stable")
+        yield from zip(*(part[order].tolist() for part in (heights, *places)), strict=True)
+
+    def climbed(self, x_um: float, y_um: float) -> Lobe:
+        """The maximum that a finer sample leads to."""
+        side, analysis = _SQUARE * self._finer_um, 2 / _NODES * chebvander(chebpts1(_NODES), _NODES - 1).T
+        analysis[0] /= 2
+        for _ in range(_STEPS):
+            nodes = side * chebpts1(_NODES)
+            series = analysis @ self.intensity(x_um + nodes, y_um + nodes) @ analysis.T
+            right, up, top = _ascended(series)
+            x_um, y_um = x_um + side * right, y_um + side * up
+            if max(abs(right), abs(up)) < 1:
+                break
+        error = (1 + _LEBESGUE) * (math.pi * side * self.highest) ** _NODES / math.factorial(_NODES) * self.most
+        error += self.rounding * (2 * math.sqrt(self.most * top) + self.rounding * self.most)
+        bends = [
+            float(chebval2d(right, up, chebder(chebder(series, along_y, axis=0), along_x, axis=1).T))
+            for along_x, along_y in ((2, 0), (1, 1), (0, 2))
+        ]
+        curvatures, axes = np.linalg.eigh([bends[:2], bends[1:]])
+        moved = side * np.minimum(1.0, 2 * np.sqrt(error / np.maximum(-curvatures, error))) + _PLACE_ERROR * side
+        away = max(math.hypot(x_um, y_um), side)
+        # Across the radius a lobe that moves is hardly farther.
+        along = abs(axes.T @ np.array([x_um, y_um])) / away
+        return Lobe(x_um, y_um, top, error, float(along @ moved + moved @ moved / (2 * away)))
+
+
+def _ascended(series: Floats) -> tuple[float, float, float]:
+    """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle."""
+    right, up, reach = 0.0, 0.0, 1 / _SQUARE
+    while True:
+        across, along = (np.clip(at + np.linspace(-reach, reach, _PLACES), -1, 1) for at in (right, up))
+        seen = chebvander(along, _NODES - 1) @ series @ chebvander(across, _NODES - 1).T
+        j, i = np.unravel_index(np.argmax(seen), seen.shape)
+        moved = float(across[i]), float(along[j])
+        if reach < _PLACE_ERROR:
+            return *moved, float(seen[j, i])
+        # Uphill as far as the square goes, then closer.
+        if max(abs(moved[0] - right), abs(moved[1] - up)) < reach * (1 - 1 / _PLACES) or moved == (right, up):
+            reach *= 3 / (_PLACES - 1)
+        right, up = moved
+
+
+def _parabola(before: Floats, middle: Floats, after: Floats) -> tuple[Floats, Floats]:
+    """How much higher than the middle of three values a parabola through them rises, and where, in their distances."""
+    bend = 2 * middle - before - after
+    place = np.divide(after - before, 2 * bend, out=np.zeros_like(bend), where=bend > 0)
+    return (after - before) * place / 4, place
+
+
+def peak_to_side_lobe(psf: ExactPsf, die: str | None = None) -> Quantity:
+    """Peak over the brightest side lobe; None if the window has none."""
+    lobe = psf.brightest()
+    middle = psf.samples.values.shape[0] // 2
+    value = uncertainty = None
+    where = "none inside the window"
+    if lobe is not None:
+        value = float(psf.samples.values[middle, middle]) / lobe.intensity
+        uncertainty = value * (lobe.error / lobe.intensity + 4 * psf.rounding)
+        where = f"the brightest is {lobe.distance_um:.4g} um from the axis"
+    return Quantity(
+        "peak_to_side_lobe",
+        value,
+        f"peak over the brightest other local maximum, climbed on the field itself; {where}",
+        uncertainty=uncertainty,
+        die=die,
+        wavelength_nm=psf.samples.wavelength_nm,
+    )
+
+
+def first_side_lobe(psf: ExactPsf, die: str | None = None) -> Quantity:
+    """Distance of the side lobe nearest to the axis; None if the window has none."""
+    lobe = psf.nearest()
+    return Quantity(
+        "first_side_lobe",
+        None if lobe is None else lobe.distance_um,
+        "distance from the axis of the nearest other local maximum, climbed on the field itself",
+        uncertainty=None if lobe is None else lobe.distance_error_um,
+        die=die,
+        wavelength_nm=psf.samples.wavelength_nm,
+    )
