@@ -240,13 +240,13 @@ def pictures(judge: Judge, psfs: Iterable[Psf]) -> None:
     """Everything that is told of a PSF."""
     drawn, camera = judge.drawn, judge.drawn.camera
     made: list[tuple[Psf, Psf]] = []
-    lines = camera.wavelengths_nm
+    lines, middle = camera.wavelengths_nm, sorted(camera.wavelengths_nm)[len(camera.wavelengths_nm) // 2]
     for line, points, pixels in zip(lines, *_by_kind(psfs), strict=True):
-        if line != lines[len(lines) // 2] and len(lines) < 3:
+        if line != middle and len(lines) < 3:
             continue
         half = max(pixels.step_um * pixels.values.shape[0], points.step_um * points.values.shape[0]) / 2
         made.append((points, pixels))
-        if line != lines[len(lines) // 2]:
+        if line != middle:
             continue
         picture = drawn.picture(line, half)
         side = pixels.step_um * pixels.values.shape[0]

@@ -277,6 +277,16 @@ class Camera(Stated):
         """Half a cycle per pixel."""
         return UM_PER_MM / self.pixel_um / 2
 
+    @property
+    def middle_nm(self) -> float:
+        """The line that stands for all of them where a number is too dear to find at each."""
+        return median_nm(self.wavelengths_nm)
+
+
+def median_nm(wavelengths_nm: Sequence[float]) -> float:
+    """The median of wavelengths in any order: green of three, the longer of two."""
+    return sorted(wavelengths_nm)[len(wavelengths_nm) // 2]
+
 
 REFERENCE_TRANSMISSION = 0.2072
 """Share of the stop's light behind the published display."""

@@ -37,7 +37,6 @@ from maskfab.optics.mtf import (
 )
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.restoration import noise_gain, sensor_square, worst_wiener
-from maskfab.optics.side_lobes import ExactPsf, first_side_lobe
 from maskfab.optics.spectrum import Spectrum
 
 NOISE_TO_SIGNAL = 0.015
@@ -325,22 +324,20 @@ def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float
     return [worst_wiener(square, NOISE_TO_SIGNAL, die), noise_gain(square, NOISE_TO_SIGNAL, die)]
 
 
-def shape_quantities(seen: ExactPsf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
-    """Core, halo, side lobes and streaks of one wavelength's PSF; cheap, so fit for every wavelength.
+def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
+    """Core, halo and streaks of one wavelength's PSF; cheap, so fit for every wavelength.
 
     Core and halo are counted in whole pixels, the others found between points. Radii that a small window cannot hold
     shrink to it; what it cannot tell at all is None.
 
     Args:
-        seen: sampled at points over the window, and the field itself.
+        points: sampled at points over the window.
     """
-    points = seen.samples
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
         _closer_halo(halo_of(pixels, camera, die), points, pixels, cutoff(camera, min(camera.wavelengths_nm))),
-        first_side_lobe(seen, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]

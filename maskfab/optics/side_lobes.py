@@ -215,18 +215,17 @@ class ExactPsf:
 
 def _ascended(series: Floats) -> tuple[float, float, float]:
     """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle."""
-    right, up, reach = 0.0, 0.0, 1 / _SQUARE
-    while True:
+    right, up, top, reach = 0.0, 0.0, -math.inf, 1 / _SQUARE
+    while reach > _PLACE_ERROR:
         across, along = (np.clip(at + np.linspace(-reach, reach, _PLACES), -1, 1) for at in (right, up))
         seen = chebvander(along, _NODES - 1) @ series @ chebvander(across, _NODES - 1).T
         j, i = np.unravel_index(np.argmax(seen), seen.shape)
-        moved = float(across[i]), float(along[j])
-        if reach < _PLACE_ERROR:
-            return *moved, float(seen[j, i])
-        # Uphill as far as the square goes, then closer.
-        if max(abs(moved[0] - right), abs(moved[1] - up)) < reach * (1 - 1 / _PLACES) or moved == (right, up):
+        # Uphill as far as that is to be felt, then closer.
+        inside = max(abs(across[i] - right), abs(along[j] - up)) < reach * (1 - 1 / _PLACES)
+        if inside or seen[j, i] <= top * (1 + 1e-12):
             reach *= 3 / (_PLACES - 1)
-        right, up = moved
+        right, up, top = float(across[i]), float(along[j]), float(seen[j, i])
+    return right, up, top
 
 
 def _parabola(before: Floats, middle: Floats, after: Floats) -> tuple[Floats, Floats]:

@@ -18,16 +18,13 @@ from maskfab.base.model import Panel, Psf
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.energy import (
-    brightest_side_lobe,
     colour_distance,
     encircled_energy,
     energy_normalised_strehl,
     ensquared_energy,
-    first_side_lobe,
     halo_energy,
     order_efficiencies,
     order_quantities,
-    peak_to_side_lobe,
     streak_index,
     within_circle,
 )
@@ -168,32 +165,6 @@ def test_encircled_energy_grows_and_lies_between_its_squares(radius: float, fact
     squares = [ensquared_energy(point, s, 0.45).value for s in (radius * np.sqrt(2), 2 * radius)]
     assert inner <= outer + 1e-6
     assert squares[0] - 1e-6 <= inner <= squares[1] + 1e-6
-
-
-def test_side_lobes_of_airy() -> None:
-    """First ring: 1.7498 % of the peak at 1.6347 λf/D (Born, Wolf, table 8.2)."""
-    for step in (0.05, 0.2, 0.5):
-        psf = airy(step, int(12 / step))
-        found, place = peak_to_side_lobe(psf), first_side_lobe(psf)
-        assert abs(found.value - 57.14978) < found.uncertainty + 1e-3
-        assert abs(place.value - 1.634720 / HIGHEST) < place.uncertainty
-        assert brightest_side_lobe(psf).value == pytest.approx(place.value, abs=step)
-    assert peak_to_side_lobe(airy(0.05, 240)).value == pytest.approx(57.14978, rel=1e-4)
-
-
-def test_a_psf_without_side_lobes_has_none() -> None:
-    assert peak_to_side_lobe(gaussian(5.0, 5.0)).value is None
-    assert first_side_lobe(gaussian(5.0, 5.0)).value is None
-    assert brightest_side_lobe(gaussian(5.0, 5.0)).value is None
-
-
-def test_the_brightest_side_lobe_of_a_grating_is_its_first_order() -> None:
-    mask = np.zeros((21, 21), dtype=np.bool_)
-    mask[:, 8:13] = True
-    setting = camera(1680.0, shape="square")
-    psf = point_psf(pupil(panel(mask, cells=10), setting.stop), setting, 530.0)
-    assert abs(brightest_side_lobe(psf).value - 5300.0 / 168.0) < psf.step_um
-    assert peak_to_side_lobe(psf).value == pytest.approx(np.sinc(5 / 21) ** -2, rel=0.02)
 
 
 def test_orders_of_slits_are_sinc_squared() -> None:

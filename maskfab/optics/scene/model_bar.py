@@ -165,7 +165,7 @@ def rows_of(omissions: Sequence[Omission], die: str | None) -> tuple[Quantity, .
 
 def middle_line_nm(camera: Camera) -> float:
     """The line that the bar is estimated at."""
-    return camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
+    return camera.middle_nm
 
 
 @dataclass(frozen=True, eq=False)

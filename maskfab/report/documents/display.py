@@ -66,7 +66,7 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
     share = float(passed / patterns.sum(axis=(1, 2))[cells].sum())
     if share > 1 - 1e-12:
         return ()
-    wavelength = camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
+    wavelength = camera.middle_nm
     bare, wired = (
         point_psf(cut(panel_aperture(version, camera.stop.diameter_um / 2), camera.stop), camera, wavelength)
         for version in (replace(panel, tracks=()), panel)

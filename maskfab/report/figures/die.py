@@ -518,7 +518,8 @@ def _finest(psfs: Sequence[Psf]) -> list[Psf]:
 
 
 def _middle(items: Sequence[Item]) -> Item:
-    return items[len(items) // 2]
+    """That of the median wavelength, whatever their order."""
+    return sorted(items, key=lambda item: item.wavelength_nm)[len(items) // 2]
 
 
 def _sheet(width: float, height: float) -> tuple[Figure, Axes]:

@@ -16,6 +16,7 @@ from maskfab.base.quantities import quantities, registered
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE
+from maskfab.job.camera import median_nm
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.documents.numbers import methods, rows_of
 from maskfab.report.documents.shape import Record
@@ -71,7 +72,7 @@ def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]], *
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
     checks: Sequence[Record] = document["checks"]
     lines_nm = document["camera"]["wavelengths_nm"]
-    middle_nm = lines_nm[len(lines_nm) // 2]
+    middle_nm = median_nm(lines_nm)
     present = {registered(row["name"]).name for row in (*(row for _, row in rows_of(document)), *checks)}
     leader = best(document)
     listed = methods(document)

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from maskfab.base.provenance import environments, versions
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
+from maskfab.job.camera import median_nm
 from maskfab.report.documents.numbers import methods
 from maskfab.report.documents.report import report_text
 from maskfab.report.documents.shape import WORST, Record
@@ -114,8 +115,8 @@ def html_page(
         left=len(dies) - len(shown),
         limit_lines=limit_lines,
         verdicts=lambda die: {name: name not in broken(die) for name in judged_verdicts(die)},
-        key_rows=lambda die: key_rows(die, lines_nm[len(lines_nm) // 2], _level(document)),
-        middle_nm=lines_nm[len(lines_nm) // 2],
+        key_rows=lambda die: key_rows(die, median_nm(lines_nm), _level(document)),
+        middle_nm=median_nm(lines_nm),
         main=_main(document),
         refs=references(listed, "appendix.html"),
         view=view,

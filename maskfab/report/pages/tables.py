@@ -18,6 +18,7 @@ import numpy as np
 
 from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.scores import MeanDifference
+from maskfab.job.camera import median_nm
 from maskfab.mask.writer import Reading
 from maskfab.report.documents.shape import WORST, Record
 from maskfab.report.rows.bands import BIAS_UM, SHARE
@@ -281,7 +282,7 @@ def _few_digits(frequencies: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell | None]]:
     lines = document["camera"]["wavelengths_nm"]
-    middle = lines[len(lines) // 2]
+    middle = median_nm(lines)
     names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
     worst = [name for name in names if name.startswith(WORST)]
     at = f"{middle:g} nm"

@@ -49,7 +49,7 @@ from maskfab.optics.psf import EdgeLengths, ReadyPupil, image_scale_um2, rough_p
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, covered_aperture, cut, panel_aperture
 from maskfab.optics.stop import inside
 from maskfab.optics.stop_edges import edges_in_stop, stop_region, whole_or_away
-from maskfab.report.rows.optics import middle_nm, polygon_psf, stop_boundary
+from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 Vertices = NDArray[np.uint8]
 
@@ -339,7 +339,7 @@ def _image(
 
 
 def _drawn_psf(pupil: Pupil, camera: Camera) -> Psf:
-    (psf,) = ReadyPupil.of(pupil, replace(camera, wavelengths_nm=(middle_nm(camera),))).psfs()
+    (psf,) = ReadyPupil.of(pupil, replace(camera, wavelengths_nm=(camera.middle_nm,))).psfs()
     return psf
 
 

@@ -42,7 +42,7 @@ from maskfab.optics.psf import (
 )
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
 from maskfab.optics.scene.model_bar import bar_of_panel
-from maskfab.optics.side_lobes import ExactPsf, peak_to_side_lobe
+from maskfab.optics.side_lobes import ExactPsf, first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
 
 
@@ -208,9 +208,10 @@ def measure_pupils(
             difference(error, wavelength),
             *metrics.aliasing_quantities(lags, table, mtf, camera, die),
             *metrics.restoration_quantities(table, camera, wavelength, die),
-            *metrics.shape_quantities(seen, pixels, camera, die),
+            *metrics.shape_quantities(points, pixels, camera, die),
+            first_side_lobe(seen, die),
         ]
-        if wavelength == middle_nm(camera):
+        if wavelength == camera.middle_nm:
             quantities.append(peak_to_side_lobe(seen, die))
         progress("optics", len(mtfs), len(lines))
     edges = [edge_spread(lags, table, camera, wavelength) for wavelength in lines] if len(lines) == 3 else []
@@ -251,11 +252,6 @@ def _of_polygons(quantity: Quantity) -> Quantity:
     if quantity.name not in _SHARES or quantity.uncertainty is None:
         return quantity
     return replace(quantity, uncertainty=quantity.uncertainty + POLYGON_ERROR)
-
-
-def middle_nm(camera: Camera) -> float:
-    """The wavelength that stands for all of them where a number is too dear to find at each."""
-    return camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
 
 
 def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera, margin: int = 0) -> Boundary:

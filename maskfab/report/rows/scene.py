@@ -199,9 +199,9 @@ class _Shown:
     @property
     def middle_nm(self) -> float:
         """The camera's middle line, or the mean of the middle band, to a nanometre."""
-        bands, lines = self.scene.bands, self.camera.wavelengths_nm
+        bands = self.scene.bands
         if not bands:
-            return lines[len(lines) // 2]
+            return self.camera.middle_nm
         return float(round(band_lines(bands[len(bands) // 2], 1).wavelengths_nm[0]))
 
     def psf(

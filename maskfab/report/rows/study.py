@@ -42,7 +42,6 @@ from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.restoration import sensor_square
 from maskfab.optics.spectrum import line_spectrum
-from maskfab.report.rows.optics import middle_nm
 from maskfab.report.rows.photographs import Conditions, Surroundings, uses_of
 
 
@@ -550,7 +549,7 @@ def optics_of(panel: Panel, camera: Camera) -> Optics:
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     table = lag_table(pupil, longest_lag_um(camera))
     lines = sorted(camera.wavelengths_nm, reverse=True)
-    psf = pixel_psf(point_psf(pupil, camera, middle_nm(camera), pixel_margin(camera)), camera)
+    psf = pixel_psf(point_psf(pupil, camera, camera.middle_nm, pixel_margin(camera)), camera)
     upper = sensor_square(table, camera, line_spectrum([lines[0]])).modulation
     whole = np.concatenate([upper[::-1, ::-1], upper])
     mtfs = tuple(presampled_mtf(table, camera, line) for line in lines)
