@@ -27,7 +27,7 @@ from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import measure
 
-FLOOR = 1e-9
+FLOOR = 1e-8
 """Of the size of a number: true errors below it are rounding."""
 
 SHAPES = ("circle", "circle", "circle", "square", "rectangle", "ellipse", "annulus", "polygon")
@@ -126,7 +126,7 @@ class Drawn:
         panel, stop = self.panel, self.camera.stop
         boxes = boxes_of(panel.orientations, panel.pattern, 1e-3 * panel.dot_nm, 1e-3 * panel.gutter_nm)
         outline = Outline.of(stop.shape, *stop.sides_um, stop.inner_share, stop.outline_um)
-        return Slices(boxes, outline, self.leak)
+        return Slices(boxes, outline, self.leak, 24)
 
     @property
     def tiny(self) -> bool:
@@ -285,11 +285,15 @@ def _lobes(judge: Judge, points: Psf, picture: Picture, line: float) -> None:
     if contrast is not None and isinstance(contrast.value, float) and len(lobes):
         best = sorted(lobes[lobes[:, 2] > 0.97 * lobes[:, 2].max()].tolist(), key=lambda lobe: -lobe[2])[:6]
         highest = max(picture.climbed(x, y, step)[2] for x, y, _ in best)
-        judge.check("peak_to_side_lobe", peak / highest, line, doubt=(peak / highest) ** 2 * (picture.error + 1e-14))
+        judge.check("peak_to_side_lobe", peak / highest, line, doubt=(peak / highest) ** 2 * (10 * picture.error + 1e-13))
     if nearest is not None and isinstance(nearest.value, float) and len(lobes):
         away = np.hypot(lobes[:, 0], lobes[:, 1])
-        near = lobes[away < away.min() + 2 * step][:4].tolist()
-        distance = min(math.hypot(*picture.climbed(x, y, step)[:2]) for x, y, _ in near)
+        distance = math.inf
+        for place in np.argsort(away):
+            if away[place] > distance + 2 * step:
+                break
+            x, y, _ = lobes[place]
+            distance = min(distance, math.hypot(*picture.climbed(float(x), float(y), step)[:2]))
         judge.check("first_side_lobe", distance, line, doubt=1e-5 * step)
 
 
@@ -340,7 +344,7 @@ def transfers(judge: Judge, optics: DieOptics) -> None:
         for cut, (x, y) in turn.items():
             truth = drawn.modulation(line, x * nu[some], y * nu[some])
             worst = int(np.argmax(abs(mtf.cuts[cut][some] - truth)))
-            judge.tell(f"cut of the MTF", float(mtf.cuts[cut][some][worst]), mtf.uncertainty, float(truth[worst]), size=1.0)
+            judge.tell(f"cut of the MTF", float(mtf.cuts[cut][some][worst]), mtf.uncertainty, float(truth[worst]), 5e-11, size=1.0)
         if costly:
             continue
         if judge.draw.random() < (0.3 if drawn.tiny else 0.02):

@@ -163,7 +163,7 @@ class Slices:
     boxes: Boxes
     outline: Outline
     leak: complex = 0.0
-    nodes: int = _NODES
+    nodes: int = 24
 
     @cached_property
     def _pieces(self) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +206,7 @@ class Slices:
         left, right = self._pieces
         middle = (left + right) / 2
         column = self.boxes.column(middle)
-        x, weight = _cosine_nodes(left, right, 1 if self.outline.straight and waves is None and False else self.nodes)
+        x, weight = _cosine_nodes(left, right, self.nodes)
         lines, count = self.boxes.y_um, len(self.boxes.y_um) - 1
         rows = self.boxes.padded[:, column].T  # piece, row
         total = np.zeros((len(v), len(u)), dtype=complex)
@@ -292,7 +292,7 @@ class Slices:
         i, j = boxes.column(middle), boxes.column(middle - sx[lag])
         product = boxes.padded[own[lag], i[:, None]] * boxes.padded[moved[lag], j[:, None]]
         heights = np.cumsum(np.pad(product * np.diff(lines, axis=1)[lag], ((0, 0), (1, 0))), axis=1)
-        nodes, weight = _cosine_nodes(left, right, 1 if outline.straight else self.nodes)
+        nodes, weight = _cosine_nodes(left, right, 1 if outline.straight else _NODES)
         if outline.straight:
             weight = (right - left)[:, None]
         total = np.zeros(left.shape)
@@ -415,7 +415,7 @@ class Picture:
     def climbed(self, x: float, y: float, step_um: float) -> tuple[float, float, float]:
         """The maximum near a place."""
         offsets = np.linspace(-1, 1, 9)
-        for _ in range(60):
+        for _ in range(400):
             values = self.on_grid(x + step_um * offsets, y + step_um * offsets)
             j, i = np.unravel_index(np.argmax(values), values.shape)
             x, y = x + step_um * offsets[i], y + step_um * offsets[j]

@@ -53,10 +53,6 @@ _FILTER_ERROR = 2e-7
 _NODES_PER_CYCLE = 4
 # Samples beyond a window among which the largest weight is: it fades away from the disc.
 _BEYOND = 8
-# Of the samples between a circle and the window's edge that share is looked at, from so many distances on.
-_OUTER, _STARTS = 0.5, 24
-# But at least over so many samples, some of them inside a circle that nearly fills the window.
-_FEWEST_OUTSIDE = 2.0
 
 
 def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
@@ -176,28 +172,6 @@ def _disc_weight(count: int, step: float, radius: float, highest: float) -> tupl
     return weight, float(max(abs(quadrant[last:]).max(), abs(quadrant[:, last:]).max()))
 
 
-def within_circle(points: Psf, radius_um: float, highest: float) -> tuple[float, float]:
-    """Share of all energy within a circle, and how far it may be off; infinitely where samples are too coarse to tell.
-
-    The light outside the window counts by W there, which swings about 0 and fades: it adds less than twice what the
-    outer samples in the window add from some distance on, whatever that is.
-    """
-    if points.kind != "point" or not _room(points, highest):
-        return 0.0, math.inf
-    axis = _axis(points)
-    weight, _ = _disc_weight(len(axis), points.step_um, radius_um, highest)
-    swing = weight - (np.hypot(axis[:, None], axis) <= radius_um)
-    last = len(axis) // 2
-    frame = abs(np.arange(len(axis)) - last)
-    swing *= points.values
-    frames = np.bincount(np.maximum(frame[:, None], frame).ravel(), swing.ravel()) * points.step_um**2
-    outer = max(_OUTER * (axis[-1] - radius_um), _FEWEST_OUTSIDE * points.step_um)
-    starts = np.linspace(max(0.0, axis[-1] - outer), axis[-1], _STARTS)
-    beyond = np.append(np.cumsum(frames[::-1])[::-1], 0.0)
-    added = abs(beyond[np.searchsorted(axis[last:], starts)]).max()
-    return float(np.vdot(points.values, weight)) * points.step_um**2, _FILTER_ERROR + 2 * float(added)
-
-
 def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:
     axis, area = _axis(psf), psf.step_um**2
     inside = abs(axis) <= side / 2
@@ -248,6 +222,8 @@ def _box_weights(position: Floats, side: float, step: float, highest: float) -> 
 
 
 _STREAK_ORDERS = 18
+# Of the area by which a PSF is normalised, relative.
+_AREA_ERROR = 1e-8
 
 
 def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = None) -> Quantity:
@@ -308,7 +284,7 @@ def energy_normalised_strehl(psf: Psf, camera: Camera, die: str | None = None) -
         "energy_normalised_strehl",
         value,
         "peak of the PSF, energies equal, over that of the open stop: the open ratio fixes it, so it ranks no design",
-        uncertainty=1e-8,
+        uncertainty=_AREA_ERROR * value,
         die=die,
         wavelength_nm=psf.wavelength_nm,
     )

@@ -20,8 +20,8 @@ from maskfab.optics.energy import (
     ensquared_energy,
     halo_energy,
     streak_index,
-    within_circle,
 )
+from maskfab.optics.exact_psf import ExactPsf
 from maskfab.optics.lags import AxisLags, LagTable
 from maskfab.optics.mtf import (
     LEVELS,
@@ -58,7 +58,10 @@ energies equal, by 0.052 to 0.056 / F² from f/2.5 to f/0.8.
 """
 
 AREA_ERROR = 1e-8
-"""Relative error of an area inside the stop; the polygon that stands for a round stop has 4096 sides."""
+"""Relative error of an area inside the stop; the polygon that stands for a round stop has 4096 sides.
+
+What goes with the square of an area errs by twice as much.
+"""
 
 
 def fast_lens(camera: Camera) -> tuple[Quantity, ...]:
@@ -186,7 +189,7 @@ def strehl_quantities(
             strehl,
             f"peak of the PSF over that of the open stop; {_FIXED_BY[leak is not None]} alone fixes it, so it ranks no "
             "design",
-            uncertainty=AREA_ERROR,
+            uncertainty=2 * AREA_ERROR * strehl,
             die=die,
             wavelength_nm=psf.wavelength_nm,
         ),
@@ -194,7 +197,7 @@ def strehl_quantities(
             "strehl_invariant_error",
             error,
             f"peak Strehl of the matrix path against {_FIXED_BY[leak is not None]} squared, from the polygons' area",
-            uncertainty=AREA_ERROR,
+            uncertainty=2 * AREA_ERROR * (1 + error),
             limit=limit,
             passed=error <= limit,
             die=die,
@@ -324,30 +327,30 @@ def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float
     return [worst_wiener(square, NOISE_TO_SIGNAL, die), noise_gain(square, NOISE_TO_SIGNAL, die)]
 
 
-def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
+def shape_quantities(seen: ExactPsf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
     """Core, halo and streaks of one wavelength's PSF; cheap, so fit for every wavelength.
 
     Core and halo are counted in whole pixels, the others found between points. Radii that a small window cannot hold
     shrink to it; what it cannot tell at all is None.
 
     Args:
-        points: sampled at points over the window.
+        seen: sampled at points over the window, and the field itself.
     """
+    points = seen.samples
     highest = cutoff(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
-        _closer_halo(halo_of(pixels, camera, die), points, pixels, cutoff(camera, min(camera.wavelengths_nm))),
+        _closer_halo(halo_of(pixels, camera, die), seen, pixels),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]
 
 
-def _closer_halo(halo: Quantity, points: Psf, pixels: Psf, highest: float) -> Quantity:
-    """The halo with the error of counting whole pixels, as the points between them tell it."""
-    inside, error = within_circle(points, min(_HALO_UM, pixels.step_um * pixels.values.shape[0] / 2), highest)
-    counted = float(halo.value or 0.0)
-    return replace(halo, uncertainty=min(halo.uncertainty or 0.0, abs(1 - inside - counted) + error))
+def _closer_halo(halo: Quantity, seen: ExactPsf, pixels: Psf) -> Quantity:
+    """The halo with the error of counting whole pixels, as the field itself tells it."""
+    inside, error = seen.in_circle(min(_HALO_UM, pixels.step_um * pixels.values.shape[0] / 2))
+    return replace(halo, uncertainty=abs(1 - inside - float(halo.value or 0.0)) + error)
 
 
 def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:

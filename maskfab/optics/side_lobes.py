@@ -25,32 +25,27 @@ lies no lower on it than 2 e below its top, so no farther from that than 2 sqrt(
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebpts1, chebval2d, chebvander
 
 from maskfab.base.arrays import Floats
-from maskfab.base.model import Psf, Quantity
-from maskfab.job.camera import Camera
-from maskfab.optics.field.matrix import direct_field
-from maskfab.optics.field.polygons import Boundary
-from maskfab.optics.psf import Leak, cutoff, image_scale_um2, psf_norm_um6
-from maskfab.optics.pupil import Pupil
+from maskfab.base.model import Quantity
+from maskfab.optics.exact_psf import ExactPsf
 
 FINER = 4
 
-# Below it, of the peak, a maximum is rounding noise; and the rounding of a field, of the one on the axis.
-_FAINTEST, _ROUNDING = 1e-12, 2e-14
-_OF_POLYGONS = 1e-8
+# Below it, of the peak, a maximum is rounding noise.
+_FAINTEST = 1e-12
 _NODES = 18
 _LEBESGUE = 1 + 2 / math.pi * math.log(_NODES)
 # What parabolas through finer samples lose at most of a lobe that nothing near outshines; of PSF samples, the bound above.
 _LOST, _BETWEEN = 0.015, 2.8
 # Samples along a tile; half the side of a square that is climbed, in finer samples, places along what is looked at in it,
-# the last of their reaches, and how often the square moves on.
-_TILE, _SQUARE, _PLACES, _PLACE_ERROR, _STEPS = 16, 3, 17, 1e-7, 64
+# how far, so short that no other lobe is in sight, and at last; and how often the square moves on.
+_TILE, _SQUARE, _PLACES, _FIRST_REACH, _PLACE_ERROR, _STEPS = 16, 3, 17, 0.25, 1e-7, 64
 # Half the side of the first square in which the nearest lobe is looked for, in units of λf / D; then twice as much.
 _FIRST_ORDERS = 2.5
 
@@ -78,51 +73,18 @@ class Lobe:
 
 
 @dataclass(frozen=True, eq=False)
-class ExactPsf:
-    """The PSF of one line at any places.
+class SideLobes:
+    """Those of a PSF in its window."""
 
-    Attributes:
-        samples: at points over the window.
-        intensity: of a tensor grid of places x [n] and y [m] in micrometres, float64 [m, n].
-        most: bound of the intensity anywhere.
-        highest: no frequency of it is higher along an axis, cycles per micrometre.
-        rounding: error of the field over that on the axis.
-        even: whether it is alike on opposite sides.
-    """
-
-    samples: Psf
-    intensity: Callable[[Floats, Floats], Floats]
-    most: float
-    highest: float
-    rounding: float
-    even: bool
-
-    @classmethod
-    def of(cls, samples: Psf, openings: Pupil | Boundary, camera: Camera, leak: Leak | None) -> ExactPsf:
-        """Of openings that the stop has cut, and of the film round them."""
-        outlined = isinstance(openings, Boundary)
-        clear = openings.area_um2 if isinstance(openings, Boundary) else openings.energy_um2
-        scale = image_scale_um2(camera, samples.wavelength_nm)
-        norm = psf_norm_um6(scale, clear if leak is None else leak.energy_um2(clear))
-
-        def intensity(x_um: Floats, y_um: Floats) -> Floats:
-            u, v = x_um / scale, y_um / scale
-            field = openings.at(u, v) if isinstance(openings, Boundary) else direct_field(openings, u, v)
-            if leak is not None:
-                field = leak.field(field, u, v)
-            return np.asarray((field.real**2 + field.imag**2) / norm)
-
-        most = (clear if leak is None else camera.stop.area_um2) / scale**2
-        highest = cutoff(camera, samples.wavelength_nm)
-        return cls(samples, intensity, most, highest, _OF_POLYGONS if outlined else _ROUNDING, leak is None)
+    psf: ExactPsf
 
     @property
     def _half_um(self) -> float:
-        return self.samples.step_um * (self.samples.values.shape[0] // 2)
+        return self.psf.samples.step_um * (self.psf.samples.values.shape[0] // 2)
 
     @property
     def _finer_um(self) -> float:
-        return self.samples.step_um / FINER
+        return self.psf.samples.step_um / FINER
 
     def brightest(self) -> Lobe | None:
         """The brightest side lobe in the window; None if there is none."""
@@ -134,28 +96,29 @@ class ExactPsf:
             for top, x, y in self._maxima(column, row):
                 if best is None or top > (1 - _LOST) * best.intensity:
                     lobe = self.climbed(x, y)
-                    best = lobe if best is None or lobe.intensity > best.intensity else best
+                    best = max((lobe, best), key=lambda each: 0.0 if each is None else each.intensity)
         return best
 
     def nearest(self) -> Lobe | None:
         """The side lobe next to the axis in the window; None if there is none."""
-        reach = _FIRST_ORDERS / self.highest
+        reach = _FIRST_ORDERS / self.psf.highest
         while True:
             count = math.ceil(min(reach, self._half_um) / self._finer_um)
             near = sorted(self._maxima((-count, count), (-count, count)), key=lambda found: math.hypot(*found[1:]))
             # Of a square's corners only what lies within its inner circle is known to be the nearest.
             whole = count * self._finer_um >= self._half_um
             if near and (whole or math.hypot(*near[0][1:]) < (count - 2) * self._finer_um):
-                alike = math.hypot(*near[0][1:]) + self._finer_um / 2
+                alike = math.hypot(*near[0][1:]) + 1.5 * self._finer_um
                 climbed = [self.climbed(x, y) for _, x, y in near if math.hypot(x, y) <= alike]
-                return min(climbed, key=lambda lobe: lobe.distance_um)
+                if lobes := [lobe for lobe in climbed if lobe is not None]:
+                    return min(lobes, key=lambda lobe: lobe.distance_um)
             if whole:
                 return None
             reach *= 2
 
     def _tiles(self) -> Iterator[tuple[float, tuple[int, int], tuple[int, int]]]:
         """The largest sample off the middle lobe in or beside each tile; its finer samples' rows and columns."""
-        values, middle = self.samples.values, self.samples.values.shape[0] // 2
+        values, middle = self.psf.samples.values, self.psf.samples.values.shape[0] // 2
         starts = range(0, 2 * middle, _TILE)
         for top in starts:
             for left in starts:
@@ -170,15 +133,15 @@ class ExactPsf:
         Of an intensity that is alike on opposite sides one half is enough.
         """
         x, y = (self._finer_um * np.arange(first - 1, last + 2) for first, last in (columns, rows))
-        values = self.intensity(x, y)
+        values = self.psf.intensity(x, y)
         across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
         inner = values[1:-1, 1:-1]
         lobes = inner >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
-        lobes &= inner > _FAINTEST * self.most
+        lobes &= inner > _FAINTEST * self.psf.most
         # What lies on the window's edge, or on the axis, is none.
         inside = [abs(axis[1:-1]) < self._half_um - self._finer_um / 2 for axis in (y, x)]
         lobes &= inside[0][:, None] & inside[1] & (np.hypot(x[1:-1], y[1:-1, None]) > 1.5 * self._finer_um)
-        if self.even:
+        if self.psf.even:
             lobes &= (y[1:-1, None] > 0) | ((y[1:-1, None] == 0) & (x[1:-1] > 0))
         row, column = np.nonzero(lobes)
         right, across = _parabola(*(values[row + 1, column + k] for k in range(3)))
@@ -188,19 +151,21 @@ class ExactPsf:
         order = np.argsort(-heights, kind="stable")
         yield from zip(*(part[order].tolist() for part in (heights, *places)), strict=True)
 
-    def climbed(self, x_um: float, y_um: float) -> Lobe:
-        """The maximum that a finer sample leads to."""
+    def climbed(self, x_um: float, y_um: float) -> Lobe | None:
+        """The maximum that a place leads to; None if that is the middle one."""
         side, analysis = _SQUARE * self._finer_um, 2 / _NODES * chebvander(chebpts1(_NODES), _NODES - 1).T
         analysis[0] /= 2
         for _ in range(_STEPS):
             nodes = side * chebpts1(_NODES)
-            series = analysis @ self.intensity(x_um + nodes, y_um + nodes) @ analysis.T
+            series = analysis @ self.psf.intensity(x_um + nodes, y_um + nodes) @ analysis.T
             right, up, top = _ascended(series)
             x_um, y_um = x_um + side * right, y_um + side * up
             if max(abs(right), abs(up)) < 1:
                 break
-        error = (1 + _LEBESGUE) * (math.pi * side * self.highest) ** _NODES / math.factorial(_NODES) * self.most
-        error += self.rounding * (2 * math.sqrt(self.most * top) + self.rounding * self.most)
+        if math.hypot(x_um, y_um) < self._finer_um:
+            return None
+        error = (1 + _LEBESGUE) * (math.pi * side * self.psf.highest) ** _NODES / math.factorial(_NODES) * self.psf.most
+        error += self.psf.rounding * (2 * math.sqrt(self.psf.most * top) + self.psf.rounding * self.psf.most)
         bends = [
             float(chebval2d(right, up, chebder(chebder(series, along_y, axis=0), along_x, axis=1).T))
             for along_x, along_y in ((2, 0), (1, 1), (0, 2))
@@ -215,7 +180,7 @@ class ExactPsf:
 
 def _ascended(series: Floats) -> tuple[float, float, float]:
     """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle."""
-    right, up, top, reach = 0.0, 0.0, -math.inf, 1 / _SQUARE
+    right, up, top, reach = 0.0, 0.0, -math.inf, _FIRST_REACH / _SQUARE
     while reach > _PLACE_ERROR:
         across, along = (np.clip(at + np.linspace(-reach, reach, _PLACES), -1, 1) for at in (right, up))
         seen = chebvander(along, _NODES - 1) @ series @ chebvander(across, _NODES - 1).T
@@ -237,7 +202,7 @@ def _parabola(before: Floats, middle: Floats, after: Floats) -> tuple[Floats, Fl
 
 def peak_to_side_lobe(psf: ExactPsf, die: str | None = None) -> Quantity:
     """Peak over the brightest side lobe; None if the window has none."""
-    lobe = psf.brightest()
+    lobe = SideLobes(psf).brightest()
     middle = psf.samples.values.shape[0] // 2
     value = uncertainty = None
     where = "none inside the window"
@@ -257,7 +222,7 @@ def peak_to_side_lobe(psf: ExactPsf, die: str | None = None) -> Quantity:
 
 def first_side_lobe(psf: ExactPsf, die: str | None = None) -> Quantity:
     """Distance of the side lobe nearest to the axis; None if the window has none."""
-    lobe = psf.nearest()
+    lobe = SideLobes(psf).nearest()
     return Quantity(
         "first_side_lobe",
         None if lobe is None else lobe.distance_um,

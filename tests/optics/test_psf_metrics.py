@@ -26,8 +26,8 @@ from maskfab.optics.energy import (
     order_efficiencies,
     order_quantities,
     streak_index,
-    within_circle,
 )
+from maskfab.optics.exact_psf import ExactPsf
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.metrics import energy_in_window, shape_quantities
 from maskfab.optics.mtf import edge_colour_difference, edge_in_window
@@ -318,14 +318,18 @@ def test_wider_separation_of_lines_shows_more_fringe() -> None:
     assert cutoff(setting, 470.0) > cutoff(setting, 610.0)
 
 
-@pytest.mark.parametrize(("step", "half"), [(0.43, 50), (0.56, 50), (0.53, 20)])
-def test_the_bar_of_a_circle_holds_up_to_the_edge_of_the_window(step, half):
-    """Airy's pattern holds 1 - J0² - J1² (Goodman 4.4.2); little is left of the window outside the largest circles."""
-    points = airy(step, half)
-    for radius in np.linspace(0.2, 1.0, 60) * (half + 0.5) * step:
-        value, bar = within_circle(points, radius, HIGHEST)
-        argument = np.pi * HIGHEST * radius
-        assert abs(value - (1 - j0(argument) ** 2 - j1(argument) ** 2)) <= bar
+@pytest.mark.parametrize("radius", [0.4, 3.0, 24.0, 80.0])
+def test_the_energy_in_a_circle_is_exact(radius):
+    """Airy's pattern holds 1 - J0² - J1² (Goodman 4.4.2)."""
+    argument = np.pi * HIGHEST * radius
+
+    def intensity(x, y):
+        turns = np.pi * HIGHEST * np.hypot(x, y[:, None])
+        return np.pi / 4 * HIGHEST**2 * np.where(turns == 0, 1.0, 2 * j1(turns) / np.where(turns, turns, 1.0)) ** 2
+
+    psf = ExactPsf(airy(0.5, 10), intensity, np.pi / 4 * HIGHEST**2, HIGHEST, 2e-14, True)
+    value, bar = psf.in_circle(radius)
+    assert abs(value - (1 - j0(argument) ** 2 - j1(argument) ** 2)) <= bar < 1e-8
 
 
 @pytest.mark.parametrize("scenes", [range(3), pytest.param(range(3, 43), marks=pytest.mark.slow)], ids=["3", "40"])
@@ -343,7 +347,8 @@ def test_the_bar_of_the_halo_holds_the_truth_and_is_little_more(scenes):
         cells = math.ceil(1.2 * diameter / (8 * dots)) + 2
         source = pupil(panel(noise(dots, draw.uniform(0.2, 0.8), scene), cells=cells, seed=scene), setting.stop)
         points = point_psf(source, setting, line, pixel_margin(setting))
-        found = shape_quantities(within(points, setting), pixel_psf(points, setting), setting, None)
+        seen = ExactPsf.of(within(points, setting), source, setting, None)
+        found = shape_quantities(seen, pixel_psf(points, setting), setting, None)
         (halo,) = (quantity for quantity in found if quantity.name == "halo_energy")
         true = halo_energy(point_psf(source, wide, line), 25.0, cutoff(setting, line))
         error = abs(halo.value - true.value)

@@ -12,12 +12,13 @@ from scipy.special import j1
 
 from maskfab.base.model import Psf
 from maskfab.job.camera import Camera
+from maskfab.optics.exact_psf import ExactPsf
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.hard_cases import clear_region
 from maskfab.optics.psf import Leak, point_psf
 from maskfab.optics.pupil import Pupil
-from maskfab.optics.side_lobes import ExactPsf, first_side_lobe, peak_to_side_lobe
+from maskfab.optics.side_lobes import SideLobes, first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
 
 LEAK = 0.1 + 0.05j
@@ -42,12 +43,14 @@ def airy_psf(window: float = 30.0) -> ExactPsf:
         return np.where(argument == 0, 1.0, 2 * j1(argument) / np.where(argument == 0, 1.0, argument)) ** 2
 
     axis = setting.pixel_um / 2 * np.arange(-half, half + 1)
-    return ExactPsf(Psf(intensity(axis, axis), setting.pixel_um / 2, 530.0, "point"), intensity, 1.0, highest, 1e-15, True)
+    samples = Psf(intensity(axis, axis), setting.pixel_um / 2, 530.0, "point")
+    return ExactPsf(samples, intensity, 1.0, highest, 1e-15, True)
 
 
 def test_the_ring_of_airy() -> None:
     """1.7498 % of the peak at 1.6347 λf/D (Born, Wolf, table 8.2), and closer by a search along a ray."""
-    ring = minimize_scalar(lambda a: -((2 * j1(a) / a) ** 2), bounds=(4.5, 5.7), method="bounded", options={"xatol": 1e-11})
+    close = {"bounds": (4.5, 5.7), "method": "bounded", "options": {"xatol": 1e-11}}
+    ring = minimize_scalar(lambda a: -((2 * j1(a) / a) ** 2), **close)
     psf = airy_psf()
     contrast, place = peak_to_side_lobe(psf), first_side_lobe(psf)
     assert abs(contrast.value + 1 / ring.fun) <= contrast.uncertainty < 1e-9
@@ -79,7 +82,7 @@ def test_the_brightest_side_lobe_of_a_grating_is_its_first_order() -> None:
     mask[:, 8:13] = True
     setting = camera(1680.0, shape="square")
     psf = seen(pupil(panel(mask, cells=10), setting.stop), setting)
-    assert abs(psf.brightest().distance_um - 5300.0 / 168.0) < 0.03
+    assert abs(SideLobes(psf).brightest().distance_um - 5300.0 / 168.0) < 0.03
     assert peak_to_side_lobe(psf).value == pytest.approx(np.sinc(5 / 21) ** -2, rel=1e-3)
 
 
@@ -99,8 +102,8 @@ def test_no_place_off_the_middle_lobe_is_brighter(seed: int, leak: complex | Non
     row, column = np.nonzero(lobes)
     away = np.hypot(axis[column + 1], axis[row + 1])
     off = away > 2 * step
-    found = psf.brightest()
-    near = psf.nearest()
+    found = SideLobes(psf).brightest()
+    near = SideLobes(psf).nearest()
     if found.distance_um < 400 * step / np.sqrt(2):
         assert inner[row[off], column[off]].max() <= found.intensity + found.error
         assert inner[row[off], column[off]].max() == pytest.approx(found.intensity, rel=1e-3)

@@ -498,7 +498,9 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         tolerance if choice.path == PHASED else 0.0,
         nearest_object_um(model.estimates.pilot, camera, accuracy),
         fullest,
-        _own_error(model, camera, fullest, full_tolerance(accuracy)) + (RESAMPLED if fullest.oblique else 0.0),
+        _own_error(model, camera, fullest, full_tolerance(accuracy))
+        + (RESAMPLED if fullest.oblique else 0.0)
+        + min((error for count, error in model.estimates.bands.items() if count <= fullest.lines), default=0.0),
     )
 
 

@@ -45,6 +45,7 @@ from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, 
 from maskfab.optics.tiling import orientations
 from maskfab.report.rows.optics import (
     INVARIANT_LIMIT_ROUND,
+    READBACK_ERROR,
     LitPupils,
     lit_pupils,
     measure,
@@ -316,7 +317,7 @@ def _analyse_mask(
 
     def difference(error: float, wavelength: float) -> Quantity:
         method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
-        return Quantity("readback_psf_difference", error, method, uncertainty=1e-8, wavelength_nm=wavelength)
+        return Quantity("readback_psf_difference", error, method, uncertainty=READBACK_ERROR, wavelength_nm=wavelength)
 
     measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     del lit, outline
