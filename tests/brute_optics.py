@@ -32,7 +32,9 @@ class Outline:
     corners_um: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def of(cls, shape: str, width: float, height: float, inner: float, corners: Sequence[tuple[float, float]]) -> Outline:
+    def of(
+        cls, shape: str, width: float, height: float, inner: float, corners: Sequence[tuple[float, float]]
+    ) -> Outline:
         """Of a shape's name and sizes."""
         if shape in ("circle", "ellipse", "annulus"):
             return cls(width / 2, height / 2, (1.0, inner) if inner else (1.0,))
@@ -42,9 +44,7 @@ class Outline:
     @property
     def straight(self) -> bool:
         """Whether its sides lie along the axes, so that slices are constant."""
-        return bool(self.corners_um) and all(
-            p[0] == q[0] or p[1] == q[1] for p, q in self._sides()
-        )
+        return bool(self.corners_um) and all(p[0] == q[0] or p[1] == q[1] for p, q in self._sides())
 
     def _sides(self) -> list[tuple[tuple[float, float], tuple[float, float]]]:
         return list(zip(self.corners_um, (*self.corners_um[1:], self.corners_um[0]), strict=True))
@@ -248,9 +248,7 @@ class Slices:
         for lit, bottom, top in parts:
             if lit.size:
                 places = (bottom + top)[..., None] / 2 + (top - bottom)[..., None] / 2 * nodes
-                turned = (top - bottom)[..., None] / 2 * weights * np.exp(
-                    2j * np.pi * waves(x[lit][..., None], places)
-                )
+                turned = (top - bottom)[..., None] / 2 * weights * np.exp(2j * np.pi * waves(x[lit][..., None], places))
                 sums = np.einsum("pnk,pnkv->pnv", turned, np.exp(-2j * np.pi * places[..., None] * v))
                 total += (across.reshape(len(u), *x.shape)[:, lit].reshape(len(u), -1) @ sums.reshape(-1, len(v))).T
         return total
@@ -275,9 +273,7 @@ class Slices:
             np.tile(outline.ends(), (n, 1)), outline.ends() + sx[:, None],
         ]  # fmt: skip
         if not outline.straight:
-            x += [
-                outline.meets(lines), outline.meets(lines - sy[:, None]) + sx[:, None], outline.meets_moved(sx, sy)
-            ]
+            x += [outline.meets(lines), outline.meets(lines - sy[:, None]) + sx[:, None], outline.meets_moved(sx, sy)]
         cuts = np.concatenate(x, axis=1)
         cuts = np.where(np.isnan(cuts), low[:, None], cuts)
         cuts = np.sort(np.clip(cuts, low[:, None], np.maximum(low, high)[:, None]), axis=1)
@@ -423,4 +419,4 @@ class Picture:
                 step_um /= 3
             if step_um < 1e-6:
                 break
-        return x, y, float(values.max())
+        return float(x), float(y), float(values.max())

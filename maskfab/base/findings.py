@@ -262,7 +262,7 @@ FINDINGS: tuple[Finding, ...] = (
         ("report.rows.optics.measure_with_bar",),
         rows=(
             "open_ratio stop_open_ratio auc_radial_min mtf[0-9{]* mtf_worst_* mtf_aliasing mtf_phase_range "
-            "wiener_* psf_energy_in_window ensquared_energy encircled_energy halo_energy *side_lobe streak_index "
+            "wiener_* psf_energy_in_window ensquared_energy halo_energy *side_lobe streak_index "
             "*strehl order* *colour_distance edge_colour_difference *_invariant_error model_* fast_lens "
             "readback_psf_difference"
         ),

@@ -1,19 +1,7 @@
 """Numbers of a PSF: energy inside circles and squares, streaks, colour fringes, and diffraction orders.
 
-**Energy** inside a region comes from samples alone. A PSF holds no frequency above B along either axis. The indicator
-of a region, low-passed along both by any φ̂ that is 1 up to B and 0 beyond 1/h - B, then has the same integral against
-it, and the sum over samples at distance h is that integral exactly:
-
-    ∫_region PSF d²x = h² Σ_n PSF(nh) W(nh),    Ŵ(ν) = φ̂(ν_x) φ̂(ν_y) x transform of the indicator.
-
-The transform of a square is a product of sincs, and a disc is a sum of strips, each an interval along either axis.
-
-Notes:
-    W reaches a little beyond its region, by about 1 / (1/h - 2B): what the window cuts off of it is bounded by the
-    energy outside the window times the largest |W| there. Close to the window's rim, or for samples too coarse to
-    leave room between B and 1/h - B, whole samples are counted instead; that is wrong by at most the energy of the
-    pixels that the rim crosses (for points: of the two next to it on either side). The smaller bound decides, and is
-    the uncertainty.
+**Energy** inside a circle or a square is a sum of whole pixels, wrong by at most what the pixels hold that the rim
+crosses; of a square of whole pixels by no more than the pixels' own means.
 
 **Shape** leaves the Strehl ratio alone, which no shape can change.
 
@@ -34,7 +22,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -43,49 +30,22 @@ from maskfab.base.errors import InternalError, JobError
 from maskfab.base.model import Panel, Psf, Quantity
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
-from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import image_scale_um2, pixel_sum_error
 from maskfab.optics.pupil import cut, panel_aperture
 
-# erfc(4) / 2 is 8e-9: how far φ̂ is from 1 and 0 at the ends of its slope.
-_SLOPE = 4.0
-_FILTER_ERROR = 2e-7
-_NODES_PER_CYCLE = 4
-# Samples beyond a window among which the largest weight is: it fades away from the disc.
-_BEYOND = 8
 
-
-def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
-    """Share of all transmitted energy within a circle about the axis; what lies outside the window counts as outside.
+def halo_energy(psf: Psf, radius_um: float, die: str | None = None) -> Quantity:
+    """Share of all transmitted energy farther than a radius from the axis, outside the window included.
 
     Args:
-        psf: any kind; its pixels, if it has such, are taken as they are.
+        psf: means over pixels.
         radius_um: at most half the window.
-        highest: the PSF's highest frequency along an axis, D / (λf) of the shortest wavelength.
 
     Raises:
         JobError: MF104 for a radius that is not positive or reaches beyond the window.
     """
     _check(psf, radius_um, "radius")
-    value, uncertainty = _energy_in_circle(psf, radius_um, highest)
-    return Quantity(
-        "encircled_energy",
-        value,
-        f"energy within {radius_um:g} um of the axis over all transmitted energy, window or not",
-        detail=f"{radius_um:g} um",
-        uncertainty=uncertainty,
-        die=die,
-        wavelength_nm=psf.wavelength_nm,
-    )
-
-
-def halo_energy(psf: Psf, radius_um: float, highest: float, die: str | None = None) -> Quantity:
-    """Share of all transmitted energy farther than a radius from the axis, outside the window included.
-
-    Args and errors: as for :func:`encircled_energy`.
-    """
-    _check(psf, radius_um, "radius")
-    value, uncertainty = _energy_in_circle(psf, radius_um, highest)
+    value, uncertainty = _energy_in_circle(psf, radius_um)
     return Quantity(
         "halo_energy",
         1 - value,
@@ -101,9 +61,10 @@ def halo_energy(psf: Psf, radius_um: float, highest: float, die: str | None = No
 def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None = None) -> Quantity:
     """Share of all transmitted energy within a square about the axis, sides along the pixels.
 
-    For pixel means and an odd number of whole pixels this is a plain sum, and as good as they are.
+    For an odd number of whole pixels this is a plain sum, and as good as they are.
 
     Args:
+        psf: means over pixels.
         side_um: at most the window's side.
 
     Raises:
@@ -134,91 +95,21 @@ def _axis(psf: Psf) -> Floats:
     return psf.step_um * np.arange(-half, half + 1, dtype=np.float64)
 
 
-def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, float]:
+def _energy_in_circle(psf: Psf, radius: float) -> tuple[float, float]:
     axis, area = _axis(psf), psf.step_um**2
     distance = np.hypot(axis[:, None], axis)
     # A cell whose middle is farther from the rim than half its diagonal is not crossed.
     crossed = abs(distance - radius) < psf.step_um / math.sqrt(2)
-    counted = float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
-    if not _room(psf, highest) or psf.kind == "pixel":
-        return counted
-    weight, beyond = _disc_weight(len(axis), psf.step_um, radius, highest)
-    rounding = _FILTER_ERROR + max(0.0, 1 - psf.energy_in_window) * beyond
-    return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])
-
-
-@lru_cache(maxsize=2)
-def _disc_weight(count: int, step: float, radius: float, highest: float) -> tuple[Floats, float]:
-    """W for a disc at samples of a window, so many along a side, and the largest |W| beyond it; read-only.
-
-    A low-pass of its own along either axis does what a round one does. The disc falls into strips, each an interval
-    along x and one along y, at r cos θ and of half a chord r sin θ: the midpoint rule in θ is exact for so many.
-    """
-    last = count // 2
-    position = step * np.arange(last + _BEYOND, dtype=np.float64)
-    nu, weights = _nodes(step, highest, radius + float(position[-1]))
-    size = math.sqrt(8) * math.pi * radius * (1 / step - highest)
-    strips = math.ceil(size / 4 + 2 * size ** (1 / 3)) + 8
-    angle = np.pi / 4 / strips * (2 * np.arange(strips) + 1)
-    place, chord = radius * np.cos(angle), 2 * radius * np.sin(angle)
-    wave = np.cos(2 * np.pi * position[:, None] * nu)
-    band = 2 * weights * _low_pass(nu, step, highest)
-    across = wave @ (band * 2 * np.cos(2 * np.pi * place[:, None] * nu)).T
-    up = wave @ (band * chord[:, None] * np.sinc(chord[:, None] * nu)).T
-    quadrant = up @ (across * (chord * np.pi / 4 / strips)).T
-    mirrored = abs(np.arange(count) - last)
-    weight = quadrant[np.ix_(mirrored, mirrored)]
-    weight.flags.writeable = False
-    return weight, float(max(abs(quadrant[last:]).max(), abs(quadrant[:, last:]).max()))
+    return float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
 
 
 def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:
     axis, area = _axis(psf), psf.step_um**2
-    inside = abs(axis) <= side / 2
-    # A cell of pixel means is crossed or not; a point stands for no cell, so the next two on either side count as well:
-    # where the rim runs along a dark fringe, what is missed lies beside it.
-    reach = psf.step_um * (0.5 * (1 - 1e-9) if psf.kind == "pixel" else 1.5)
-    outer, inner = abs(axis) < side / 2 + reach, abs(axis) <= side / 2 - reach
+    # Whole pixels cross nothing, and err as their means do.
+    reach = psf.step_um * 0.5 * (1 - 1e-9)
+    inside, outer, inner = (abs(axis) < side / 2 * (1 + 1e-12) + by for by in (0.0, reach, -reach))
     total, most, least = (float(psf.values[np.ix_(part, part)].sum() * area) for part in (inside, outer, inner))
-    counted = total, most - least
-    if psf.kind == "pixel" or not _room(psf, highest):
-        # Whole pixels cross nothing, and err as their means do.
-        return counted[0], counted[1] + (pixel_sum_error(psf, highest) if psf.kind == "pixel" else 0.0)
-    half = (psf.values.shape[0] / 2) * psf.step_um
-    fine = np.arange(0.0, 2 * half, psf.step_um / 4)
-    weight = _box_weights(axis, side, psf.step_um, highest)
-    beyond = abs(_box_weights(fine[fine >= half - psf.step_um], side, psf.step_um, highest)).max()
-    uncertainty = _FILTER_ERROR + max(0.0, 1 - psf.energy_in_window) * float(beyond) * float(abs(weight).max())
-    return min((float(weight @ psf.values @ weight * area), uncertainty), counted, key=lambda pair: pair[1])
-
-
-def _room(psf: Psf, highest: float) -> bool:
-    """Whether 1/h - B exceeds B by enough for a low-pass filter in between."""
-    return 1 / psf.step_um > 2.1 * highest
-
-
-def _low_pass(frequency: Floats, step: float, highest: float) -> Floats:
-    """1 up to ``highest``, 0 beyond 1 / step - highest, smooth in between."""
-    end = 1 / step - highest
-    middle, half = (highest + end) / 2, (end - highest) / 2
-    return np.array([math.erfc(argument) / 2 for argument in _SLOPE * (frequency - middle) / half])
-
-
-def _nodes(step: float, highest: float, reach: float) -> tuple[Floats, Floats]:
-    """Gauss-Legendre nodes over the filter's band, enough for waves over ``reach`` micrometres."""
-    end = 1 / step - highest
-    nodes, weights = gauss_legendre(64)
-    panels = max(1, math.ceil(end * reach * _NODES_PER_CYCLE / nodes.size))
-    edges = np.linspace(0.0, end, panels + 1)
-    half = np.diff(edges)[:, None] / 2
-    return ((edges[:-1, None] + half) + half * nodes).ravel(), (half * weights).ravel()
-
-
-def _box_weights(position: Floats, side: float, step: float, highest: float) -> Floats:
-    """W along one axis for an interval: 2 ∫ φ̂(ν) a sinc(aν) cos(2πνx) dν."""
-    nu, weights = _nodes(step, highest, side / 2 + float(abs(position).max(initial=0.0)))
-    amplitude = 2 * weights * _low_pass(nu, step, highest) * side * np.sinc(side * nu)
-    return np.asarray(np.cos(2 * np.pi * position[:, None] * nu) @ amplitude)
+    return total, most - least + pixel_sum_error(psf, highest)
 
 
 _STREAK_ORDERS = 18

@@ -1,13 +1,13 @@
 r"""The PSF of one line at any places, from the field itself: what its samples do not tell is exact to rounding.
 
 **Energy** inside a circle is a sum over the Legendre series of the intensity in the square about it. Along an axis the
-intensity, 0 <= I <= M, has no frequency above B, so on the ellipse about the square's side 2 r whose half axes add up to
-ρ r it is below M exp(π B r (ρ - 1 / ρ)), and n Gauss nodes leave out no more than
+intensity, 0 <= I <= M, has no frequency above B, so on the ellipse about the square's side 2 r whose half axes add up
+to ρ r it is below M exp(π B r (ρ - 1 / ρ)), and n Gauss nodes leave out no more than
 
-    4 M exp(π B r (ρ - 1 / ρ)) ρ^-n / (ρ - 1)          (L. N. Trefethen, Approximation Theory and Practice, 8.2 and 8.3)
+    4 M exp(π B r (ρ - 1 / ρ)) ρ^-n / (ρ - 1)            (L. N. Trefethen, Approximation Theory, 2013, 8.2 and 8.3)
 
-of it, for any ρ > 1; two axes 1 + Λ times that, Λ <= sqrt(n) + 1 being the norm of such a projection. Of the polynomials
-that are left the integral over the disc is a sum of chords, on which P_n has the integral (P_n+1 - P_n-1) / (2 n + 1).
+of it, for any ρ > 1; two axes 2 + sqrt(n) times that, 1 + sqrt(n) being a bound of the projection's norm. The disc is a
+sum of chords, on which P_n has the integral (P_n+1 - P_n-1) / (2 n + 1).
 """
 
 from __future__ import annotations
@@ -89,6 +89,6 @@ class ExactPsf:
         across = legvander(np.cos(angle), count - 1) * (np.sin(angle) * math.pi / angle.size)[:, None]
         values = self.intensity(radius_um * nodes, radius_um * nodes)
         energy = radius_um**2 * float(np.sum((series.T @ values @ series) * (lengths.T @ across)))
-        left = 4 * np.exp(turns / 2 * (_SUMS - 1 / _SUMS)) * _SUMS**-count / (_SUMS - 1)
-        error = float(left.min()) * (2 + math.sqrt(count)) * self.most * math.pi * radius_um**2
+        left = turns / 2 * (_SUMS - 1 / _SUMS) - count * np.log(_SUMS) + np.log(4 / (_SUMS - 1))
+        error = math.exp(float(left.min())) * (2 + math.sqrt(count)) * self.most * math.pi * radius_um**2
         return energy, error + 2 * self.rounding

@@ -341,7 +341,7 @@ def shape_quantities(seen: ExactPsf, pixels: Psf, camera: Camera, die: str | Non
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
-        _closer_halo(halo_of(pixels, camera, die), seen, pixels),
+        _closer_halo(halo_of(pixels, die), seen, pixels),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]
@@ -353,10 +353,10 @@ def _closer_halo(halo: Quantity, seen: ExactPsf, pixels: Psf) -> Quantity:
     return replace(halo, uncertainty=abs(1 - inside - float(halo.value or 0.0)) + error)
 
 
-def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:
+def halo_of(psf: Psf, die: str | None) -> Quantity:
     """The halo's share of a PSF's energy, as for :func:`shape_quantities`."""
     half = psf.step_um * psf.values.shape[0] / 2
-    return halo_energy(psf, min(_HALO_UM, half), cutoff(camera, psf.wavelength_nm), die)
+    return halo_energy(psf, min(_HALO_UM, half), die)
 
 
 def holds_halo(window_um: float) -> bool:

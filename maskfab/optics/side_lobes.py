@@ -1,25 +1,26 @@
 r"""Side lobes of a PSF on the field itself: how high the brightest is, how far the nearest, each with a proved error.
 
-A side lobe is a maximum beside the one on the axis that samples of the intensity show, ``FINER`` times as fine as those
-of the PSF; a shoulder that none of them parts from a brighter lobe counts with that.
+A side lobe is a maximum beside the one on the axis that samples of the intensity show, ``FINER`` times as fine as the
+PSF's own; a shoulder that none of them parts from a brighter lobe counts with that.
 
-**Between samples** at distance h along both axes a field E of no frequency above B / 2 is bounded by its samples: turned
-to be real where it is largest, it is nowhere above max |E_n| / cos(π h B / 2)² (S. Bernstein's inequality, as in R. Duffin
-and A. C. Schaeffer, Duke Math. J. 4, 236, 1938, for each axis in turn). The intensity |E|² so is nowhere more than
-cos(π h B / 2)^-4 above its samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones.
-For a part of the plane that holds of E times a window. So only tiles with a sample above a third of the brightest lobe
-are looked at more finely, and of their maxima all those that could still be brighter than the best are climbed.
+**Between samples** at distance h along both axes a field E of no frequency above B / 2, turned to be real where it is
+largest, is nowhere above max |E_n| / cos(π h B / 2)² (S. Bernstein's inequality; R. Duffin and A. C. Schaeffer, Trans.
+Amer. Math. Soc. 50, 517, 1941, for each axis in turn). The intensity so is nowhere more than cos(π h B / 2)^-4 above its
+samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones. For a part of the plane that
+holds of E times a window. So only tiles with a sample above a third of the brightest lobe are looked at more finely, and
+of their maxima all that could still be brighter than the best are climbed.
 
 **A maximum is climbed** on a polynomial through n x n values of the field at Chebyshev nodes of a square of half side a
-about it. For any function 0 <= I <= M of no frequency above B, Bernstein's inequality bounds the n-th derivative along an
-axis by (2πB)^n M / 2, so one axis adds to the error of interpolation
+about it. For 0 <= I <= M of no frequency above B, Bernstein's inequality bounds the n-th derivative along an axis by
+(2πB)^n M / 2, so one axis adds to the error of interpolation
 
-    2 (a/2)^n / n! (2πB)^n M / 2 = (πaB)^n / n! M                (NIST Handbook, 3.3.5, at Chebyshev's nodes)
+    2 (a/2)^n / n! (2πB)^n M / 2 = (πaB)^n / n! M                (NIST Handbook, 3.3.11, at Chebyshev's nodes)
 
 and two of them 1 + Λ times that, Λ = 1 + 2/π ln n being Lebesgue's constant. With n = 18 and a three of the finer
-samples' distances that is below 1e-15 of M. Where all light is in phase, M is the peak, the clear area over (λf)²; with a film that
-leaks it is no more than the stop's area over (λf)² (Cauchy, Schwarz). Within an error e of the polynomial the maximum
-lies no lower on it than 2 e below its top, so no farther from that than 2 sqrt(e / κ), κ being the least curvature there.
+samples' distances that is below 1e-15 of M, which is the peak, the clear area over (λf)², where all light is in phase;
+with a film that leaks it is no more than the stop's area over (λf)² (Cauchy, Schwarz). Within an error e of the
+polynomial the maximum lies no lower on it than 2 e below its top, so no farther from that than 2 sqrt(e / κ), κ being
+the least curvature there.
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ FINER = 4
 _FAINTEST = 1e-12
 _NODES = 18
 _LEBESGUE = 1 + 2 / math.pi * math.log(_NODES)
-# What parabolas through finer samples lose at most of a lobe that nothing near outshines; of PSF samples, the bound above.
+# What parabolas through finer samples lose of a lobe that nothing near outshines; of PSF samples, the bound above.
 _LOST, _BETWEEN = 0.015, 2.8
-# Samples along a tile; half the side of a square that is climbed, in finer samples, places along what is looked at in it,
-# how far, so short that no other lobe is in sight, and at last; and how often the square moves on.
+# Samples along a tile; half the side of a square that is climbed, in finer samples; places along what is looked at in
+# it, how far, at first so that no other lobe is in sight, and at last; and how often the square moves on.
 _TILE, _SQUARE, _PLACES, _FIRST_REACH, _PLACE_ERROR, _STEPS = 16, 3, 17, 0.25, 1e-7, 64
 # Half the side of the first square in which the nearest lobe is looked for, in units of λf / D; then twice as much.
 _FIRST_ORDERS = 2.5
@@ -105,13 +106,19 @@ class SideLobes:
         while True:
             count = math.ceil(min(reach, self._half_um) / self._finer_um)
             near = sorted(self._maxima((-count, count), (-count, count)), key=lambda found: math.hypot(*found[1:]))
-            # Of a square's corners only what lies within its inner circle is known to be the nearest.
             whole = count * self._finer_um >= self._half_um
-            if near and (whole or math.hypot(*near[0][1:]) < (count - 2) * self._finer_um):
-                alike = math.hypot(*near[0][1:]) + 1.5 * self._finer_um
-                climbed = [self.climbed(x, y) for _, x, y in near if math.hypot(x, y) <= alike]
-                if lobes := [lobe for lobe in climbed if lobe is not None]:
-                    return min(lobes, key=lambda lobe: lobe.distance_um)
+            # Of a square's corners only what lies within its inner circle is known to be the nearest.
+            known = math.inf if whole else (count - 2) * self._finer_um
+            best: Lobe | None = None
+            for _, x, y in near:
+                # A sample may lie as far from its lobe as from the next sample.
+                if math.hypot(x, y) > min(known, math.inf if best is None else best.distance_um + 1.5 * self._finer_um):
+                    break
+                lobe = self.climbed(x, y)
+                if lobe is not None and (best is None or lobe.distance_um < best.distance_um):
+                    best = lobe
+            if best is not None:
+                return best
             if whole:
                 return None
             reach *= 2
@@ -124,7 +131,9 @@ class SideLobes:
             for left in starts:
                 bottom, right = min(top + _TILE, 2 * middle), min(left + _TILE, 2 * middle)
                 part = values[max(0, top - 1) : bottom + 2, max(0, left - 1) : right + 2]
-                rows, columns = ((FINER * (a - middle), FINER * (b - middle)) for a, b in ((top, bottom), (left, right)))
+                rows, columns = (
+                    (FINER * (a - middle), FINER * (b - middle)) for a, b in ((top, bottom), (left, right))
+                )
                 yield float(part.max()), rows, columns
 
     def _maxima(self, columns: tuple[int, int], rows: tuple[int, int]) -> Iterator[tuple[float, float, float]]:
@@ -138,8 +147,7 @@ class SideLobes:
         inner = values[1:-1, 1:-1]
         lobes = inner >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
         lobes &= inner > _FAINTEST * self.psf.most
-        # What lies on the window's edge, or on the axis, is none.
-        inside = [abs(axis[1:-1]) < self._half_um - self._finer_um / 2 for axis in (y, x)]
+        inside = [abs(axis[1:-1]) < self._half_um + self._finer_um / 2 for axis in (y, x)]
         lobes &= inside[0][:, None] & inside[1] & (np.hypot(x[1:-1], y[1:-1, None]) > 1.5 * self._finer_um)
         if self.psf.even:
             lobes &= (y[1:-1, None] > 0) | ((y[1:-1, None] == 0) & (x[1:-1] > 0))
@@ -152,7 +160,7 @@ class SideLobes:
         yield from zip(*(part[order].tolist() for part in (heights, *places)), strict=True)
 
     def climbed(self, x_um: float, y_um: float) -> Lobe | None:
-        """The maximum that a place leads to; None if that is the middle one."""
+        """The maximum that a place leads to; None if that is the middle one, or outside the window."""
         side, analysis = _SQUARE * self._finer_um, 2 / _NODES * chebvander(chebpts1(_NODES), _NODES - 1).T
         analysis[0] /= 2
         for _ in range(_STEPS):
@@ -162,7 +170,7 @@ class SideLobes:
             x_um, y_um = x_um + side * right, y_um + side * up
             if max(abs(right), abs(up)) < 1:
                 break
-        if math.hypot(x_um, y_um) < self._finer_um:
+        if math.hypot(x_um, y_um) < self._finer_um or max(abs(x_um), abs(y_um)) > self._half_um:
             return None
         error = (1 + _LEBESGUE) * (math.pi * side * self.psf.highest) ** _NODES / math.factorial(_NODES) * self.psf.most
         error += self.psf.rounding * (2 * math.sqrt(self.psf.most * top) + self.psf.rounding * self.psf.most)

@@ -96,9 +96,7 @@ def test_no_place_off_the_middle_lobe_is_brighter(seed: int, leak: complex | Non
     axis = step * np.arange(-400, 401)
     values = psf.intensity(axis, axis)
     inner = values[1:-1, 1:-1]
-    lobes = np.all(
-        [inner >= values[1 + j : 800 + j, 1 + i : 800 + i] for j in (-1, 0, 1) for i in (-1, 0, 1)], axis=0
-    )
+    lobes = np.all([inner >= values[1 + j : 800 + j, 1 + i : 800 + i] for j in (-1, 0, 1) for i in (-1, 0, 1)], axis=0)
     row, column = np.nonzero(lobes)
     away = np.hypot(axis[column + 1], axis[row + 1])
     off = away > 2 * step

@@ -347,7 +347,7 @@ def _worst(line: int, frequency: float, optics: WrittenOptics) -> Floats:
 
 
 def _halo(camera: Camera, optics: WrittenOptics) -> Floats:
-    return np.array(float(metrics.halo_of(pixel_psf(optics.psf, camera), camera, None)))
+    return np.array(float(metrics.halo_of(pixel_psf(optics.psf, camera), None)))
 
 
 def _inner(camera: Camera) -> Camera | None:

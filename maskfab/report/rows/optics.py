@@ -85,7 +85,7 @@ def view_rows(job: Job) -> Iterator[Quantity]:
 
 READBACK_LIMIT = 1e-6
 READBACK_ERROR = 4 * metrics.AREA_ERROR
-"""Of the difference of two PSFs: a squared field errs by twice its area, its norm by once, the transform by the rest."""
+"""Of the difference of two PSFs: a squared field errs by twice its area, its norm once, the transform by the rest."""
 INVARIANT_LIMIT_ROUND = 1e-3
 INVARIANT_LIMIT_SQUARE = 1e-6
 
