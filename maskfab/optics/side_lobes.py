@@ -4,11 +4,11 @@ A side lobe is a maximum beside the one on the axis that samples of the intensit
 PSF's own; a shoulder that none of them parts from a brighter lobe counts with that.
 
 **Between samples** at distance h along both axes a field E of no frequency above B / 2, turned to be real where it is
-largest, is nowhere above max |E_n| / cos(π h B / 2)² (S. Bernstein's inequality; R. Duffin and A. C. Schaeffer, Trans.
-Amer. Math. Soc. 50, 517, 1941, for each axis in turn). The intensity so is nowhere more than cos(π h B / 2)^-4 above its
-samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones. For a part of the plane that
-holds of E times a window. So only tiles with a sample above a third of the brightest lobe are looked at more finely, and
-of their maxima all that could still be brighter than the best are climbed.
+largest, is nowhere above max |E_n| / cos(π h B / 2)² (Bernstein's inequality as R. Duffin and A. C. Schaeffer have
+it, Trans. Amer. Math. Soc. 50, 517, 1941, for each axis in turn). The intensity so is nowhere above cos(π h B / 2)^-4
+times its samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones. For a part of the
+plane that holds of E times a window. So only tiles with a sample above a third of the brightest lobe are looked at more
+finely, and of their maxima all that could still be brighter than the best are climbed.
 
 **A maximum is climbed** on a polynomial through n x n values of the field at Chebyshev nodes of a square of half side a
 about it. For 0 <= I <= M of no frequency above B, Bernstein's inequality bounds the n-th derivative along an axis by
@@ -202,7 +202,7 @@ def _ascended(series: Floats) -> tuple[float, float, float]:
 
 
 def _parabola(before: Floats, middle: Floats, after: Floats) -> tuple[Floats, Floats]:
-    """How much higher than the middle of three values a parabola through them rises, and where, in their distances."""
+    """The rise of a parabola through three values above the middle one, and where its top is, in their distances."""
     bend = 2 * middle - before - after
     place = np.divide(after - before, 2 * bend, out=np.zeros_like(bend), where=bend > 0)
     return (after - before) * place / 4, place
