@@ -45,7 +45,11 @@ def halo_energy(psf: Psf, radius_um: float, die: str | None = None) -> Quantity:
         JobError: MF104 for a radius that is not positive or reaches beyond the window.
     """
     _check(psf, radius_um, "radius")
-    value, uncertainty = _energy_in_circle(psf, radius_um)
+    axis, area = _axis(psf), psf.step_um**2
+    distance = np.hypot(axis[:, None], axis)
+    # A cell whose middle is farther from the rim than half its diagonal is not crossed.
+    crossed = abs(distance - radius_um) < psf.step_um / math.sqrt(2)
+    value, uncertainty = (float(psf.values[cells].sum() * area) for cells in (distance <= radius_um, crossed))
     return Quantity(
         "halo_energy",
         1 - value,
@@ -71,7 +75,13 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
         JobError: MF104 for a side that is not positive or wider than the window.
     """
     _check(psf, side_um / 2, "half side")
-    value, uncertainty = _energy_in_square(psf, side_um, highest)
+    axis, area = _axis(psf), psf.step_um**2
+    # Whole pixels cross nothing, and err as their means do.
+    rims = (side_um / 2 + by * psf.step_um * (1 - 1e-9) for by in (0.0, 0.5, -0.5))
+    value, most, least = (
+        float(psf.values[np.ix_(part, part)].sum() * area) for part in (abs(axis) <= rim for rim in rims)
+    )
+    uncertainty = most - least + pixel_sum_error(psf, highest)
     return Quantity(
         "ensquared_energy",
         value,
@@ -93,23 +103,6 @@ def _check(psf: Psf, reach_um: float, name: str) -> None:
 def _axis(psf: Psf) -> Floats:
     half = psf.values.shape[0] // 2
     return psf.step_um * np.arange(-half, half + 1, dtype=np.float64)
-
-
-def _energy_in_circle(psf: Psf, radius: float) -> tuple[float, float]:
-    axis, area = _axis(psf), psf.step_um**2
-    distance = np.hypot(axis[:, None], axis)
-    # A cell whose middle is farther from the rim than half its diagonal is not crossed.
-    crossed = abs(distance - radius) < psf.step_um / math.sqrt(2)
-    return float(psf.values[distance <= radius].sum() * area), float(psf.values[crossed].sum() * area)
-
-
-def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:
-    axis, area = _axis(psf), psf.step_um**2
-    # Whole pixels cross nothing, and err as their means do.
-    reach = psf.step_um * 0.5 * (1 - 1e-9)
-    inside, outer, inner = (abs(axis) < side / 2 * (1 + 1e-12) + by for by in (0.0, reach, -reach))
-    total, most, least = (float(psf.values[np.ix_(part, part)].sum() * area) for part in (inside, outer, inner))
-    return total, most - least + pixel_sum_error(psf, highest)
 
 
 _STREAK_ORDERS = 18

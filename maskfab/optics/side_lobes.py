@@ -26,7 +26,7 @@ the least curvature there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +81,7 @@ class SideLobes:
 
     @property
     def _half_um(self) -> float:
-        return self.psf.samples.step_um * (self.psf.samples.values.shape[0] // 2)
+        return float(self.psf.samples.step_um * (self.psf.samples.values.shape[0] // 2))
 
     @property
     def _finer_um(self) -> float:
@@ -152,8 +152,8 @@ class SideLobes:
         if self.psf.even:
             lobes &= (y[1:-1, None] > 0) | ((y[1:-1, None] == 0) & (x[1:-1] > 0))
         row, column = np.nonzero(lobes)
-        right, across = _parabola(*(values[row + 1, column + k] for k in range(3)))
-        above, up = _parabola(*(values[row + k, column + 1] for k in range(3)))
+        right, across = _parabola([values[row + 1, column + k] for k in range(3)])
+        above, up = _parabola([values[row + k, column + 1] for k in range(3)])
         heights = inner[row, column] + right + above
         places = x[column + 1] + self._finer_um * across, y[row + 1] + self._finer_um * up
         order = np.argsort(-heights, kind="stable")
@@ -201,8 +201,9 @@ def _ascended(series: Floats) -> tuple[float, float, float]:
     return right, up, top
 
 
-def _parabola(before: Floats, middle: Floats, after: Floats) -> tuple[Floats, Floats]:
+def _parabola(three: Sequence[Floats]) -> tuple[Floats, Floats]:
     """The rise of a parabola through three values above the middle one, and where its top is, in their distances."""
+    before, middle, after = three
     bend = 2 * middle - before - after
     place = np.divide(after - before, 2 * bend, out=np.zeros_like(bend), where=bend > 0)
     return (after - before) * place / 4, place
