@@ -91,4 +91,5 @@ class ExactPsf:
         energy = radius_um**2 * float(np.sum((series.T @ values @ series) * (lengths.T @ across)))
         left = turns / 2 * (_SUMS - 1 / _SUMS) - count * np.log(_SUMS) + np.log(4 / (_SUMS - 1))
         error = math.exp(float(left.min())) * (2 + math.sqrt(count)) * self.most * math.pi * radius_um**2
-        return energy, error + 2 * self.rounding
+        # Twice that of the field, and what the sums round.
+        return energy, error + 10 * self.rounding

@@ -15,8 +15,10 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.layout import clear_shapes, plate_layout
+from maskfab.optics.metrics import relative_difference
 from maskfab.optics.pupil import panel_aperture
 from maskfab.optics.response import camera_bands, generic_rgb
+from maskfab.optics.scene.point_images import spectrum_psf
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, Curve
 from maskfab.report.rows.optics import reach_box, read_openings
@@ -52,6 +54,19 @@ def test_a_scene_that_asks_for_nothing_changes_nothing():
     assert numbers["scene_psf_change"] <= numbers["plan_error"]
     assert numbers["plan_error_measured"] <= numbers["plan_error"] <= 1e-6
     assert set(numbers) == {"scene_psf_change", "plan_error", "plan_error_measured", "nearest_object"}
+
+
+def test_what_few_lines_of_a_band_leave_out_is_measured():
+    """At one line a plan of a band may be off by nothing, where its colour is off by much."""
+    scene = Scene(bands=(Band((Curve(np.array([430.0, 480.0, 640.0]), np.array([0.2, 1.0, 0.5]), "drawn"),), "drawn"),))
+    found = measured(scene, 2e-2)
+    told_by = next(quantity for quantity in found.quantities if quantity.name == "plan_error_measured")
+    openings, fine = panel_aperture(found.die.panel), replace(found.plan, choice=replace(found.plan.choice, lines=256))
+    few, many = (spectrum_psf(openings, CAMERA, scene, plan, scene.bands[0]) for plan in (found.plan, fine))
+    off = relative_difference(few, many)
+    assert off > 1e-6
+    assert off <= told_by.value + told_by.uncertainty
+    assert told_by.value <= told(found)["plan_error"]
 
 
 def test_a_field_that_is_too_small_to_tell_has_no_views():
