@@ -299,7 +299,7 @@ def _lobes(judge: Judge, points: Psf, picture: Picture, line: float) -> None:
     """The brightest and the nearest other maximum, climbed on a grid eight times as fine as the samples."""
     drawn = judge.drawn
     half = points.step_um * (points.values.shape[0] // 2)
-    step = drawn.scale_um2(line) / drawn.camera.stop.diameter_um / 16
+    step = drawn.scale_um2(line) / drawn.camera.stop.diameter_um / 24
     contrast = judge.of("peak_to_side_lobe", line)
     nearest = judge.of("first_side_lobe", line)
     if contrast is None and nearest is None:
@@ -376,7 +376,7 @@ def transfers(judge: Judge, optics: DieOptics, *, quick: bool) -> None:
                 float(mtf.cuts[cut][some][worst]),
                 mtf.uncertainty,
                 float(truth[worst]),
-                5e-11,
+                2e-10,
                 size=1.0,
             )
         if costly or quick:

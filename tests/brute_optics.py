@@ -199,7 +199,7 @@ class Slices:
         total = self._field(u, v, waves)
         if self.leak == 0 or openings_only:
             return total
-        bare = Slices(Boxes(self._frame, self._frame, np.ones((1, 1), dtype=bool)), self.outline, nodes=40)
+        bare = Slices(Boxes(self._frame, self._frame, np.ones((1, 1), dtype=bool)), self.outline, nodes=160)
         return (1 - self.leak) * total + self.leak * bare._field(u, v, waves)
 
     def _field(self, u: np.ndarray, v: np.ndarray, waves: Callable[..., np.ndarray] | None) -> np.ndarray:
