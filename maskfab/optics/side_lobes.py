@@ -124,7 +124,7 @@ class SideLobes:
             reach *= 2
 
     def _tiles(self) -> Iterator[tuple[float, tuple[int, int], tuple[int, int]]]:
-        """The largest sample off the middle lobe in or beside each tile; its finer samples' rows and columns."""
+        """The largest sample in or beside each tile, and its finer samples' rows and columns."""
         values, middle = self.psf.samples.values, self.psf.samples.values.shape[0] // 2
         starts = range(0, 2 * middle, _TILE)
         for top in starts:
@@ -141,7 +141,7 @@ class SideLobes:
 
         Of an intensity that is alike on opposite sides one half is enough.
         """
-        x, y = (self._finer_um * np.arange(first - 1, last + 2) for first, last in (columns, rows))
+        x, y = (self._finer_um * np.arange(first - 1, last + 2, dtype=np.float64) for first, last in (columns, rows))
         values = self.psf.intensity(x, y)
         across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
         inner = values[1:-1, 1:-1]
