@@ -410,13 +410,13 @@ class Picture:
 
     def climbed(self, x: float, y: float, step_um: float) -> tuple[float, float, float]:
         """The maximum near a place."""
-        offsets = np.linspace(-1, 1, 9)
+        offsets, longest = np.linspace(-1, 1, 9), step_um
         for _ in range(400):
             values = self.on_grid(x + step_um * offsets, y + step_um * offsets)
             j, i = np.unravel_index(np.argmax(values), values.shape)
             x, y = x + step_um * offsets[i], y + step_um * offsets[j]
-            if 0 < i < 8 and 0 < j < 8:
-                step_um /= 3
+            # Along a ring the way is long, and steps grow again.
+            step_um = step_um / 3 if 0 < i < 8 and 0 < j < 8 else min(1.5 * step_um, longest)
             if step_um < 1e-6:
                 break
         return float(x), float(y), float(values.max())
