@@ -22,14 +22,16 @@ from numpy.polynomial.legendre import legvander
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Psf
 from maskfab.job.camera import Camera
-from maskfab.optics.field.matrix import direct_field
+from maskfab.optics.field.matrix import SampledField, direct_field, prepare
 from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.polynomials import gauss_legendre
-from maskfab.optics.psf import Leak, cutoff, image_scale_um2, psf_norm_um6
+from maskfab.optics.psf import Leak, cutoff, image_scale_um2, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Pupil
 
-# Error of a field over the one on the axis: rounding, and what the polygons that stand for a stop's sides add.
-_ROUNDING, _OF_POLYGONS = 2e-14, 1e-8
+# Error of a field over the one on the axis: rounding, that of one from samples, and what polygons for a stop's sides add.
+_ROUNDING, _SAMPLED, _OF_POLYGONS = 2e-14, 1e-12, 1e-8
+# PSF samples beyond the window to which a square about a lobe may reach.
+_BEYOND = 4
 # Gauss nodes beyond those that a cycle takes, and sums of half axes that are tried.
 _SPARE, _SUMS = 32, np.linspace(1.5, 6.0, 46)
 
@@ -55,8 +57,19 @@ class ExactPsf:
     even: bool
 
     @classmethod
-    def of(cls, samples: Psf, openings: Pupil | Boundary, camera: Camera, leak: Leak | None) -> ExactPsf:
-        """Of openings that the stop has cut, and of the film round them."""
+    def of(
+        cls,
+        samples: Psf,
+        openings: Pupil | Boundary,
+        camera: Camera,
+        leak: Leak | None,
+        sampled: SampledField | None = None,
+    ) -> ExactPsf:
+        """Of openings that the stop has cut, and of the film round them.
+
+        Args:
+            sampled: field of a pupil, as of :func:`sampled_field`, where many places are asked for.
+        """
         outlined = isinstance(openings, Boundary)
         clear = openings.area_um2 if isinstance(openings, Boundary) else openings.energy_um2
         scale = image_scale_um2(camera, samples.wavelength_nm)
@@ -64,14 +77,24 @@ class ExactPsf:
 
         def intensity(x_um: Floats, y_um: Floats) -> Floats:
             u, v = x_um / scale, y_um / scale
-            field = openings.at(u, v) if isinstance(openings, Boundary) else direct_field(openings, u, v)
+            if isinstance(openings, Boundary):
+                field = openings.at(u, v)
+            else:
+                field = direct_field(openings, u, v) if sampled is None else sampled.at(u, v)
             if leak is not None:
                 field = leak.field(field, u, v)
             return np.asarray((field.real**2 + field.imag**2) / norm)
 
         most = (clear if leak is None else camera.stop.area_um2) / scale**2
         highest = cutoff(camera, samples.wavelength_nm)
-        return cls(samples, intensity, most, highest, _OF_POLYGONS if outlined else _ROUNDING, leak is None)
+        return cls(
+            samples,
+            intensity,
+            most,
+            highest,
+            _OF_POLYGONS if outlined else _ROUNDING if sampled is None else _SAMPLED,
+            leak is None,
+        )
 
     def in_circle(self, radius_um: float) -> tuple[float, float]:
         """Share of all energy within a circle about the axis, and the bound of its error."""
@@ -93,3 +116,11 @@ class ExactPsf:
         error = math.exp(float(left.min())) * (2 + math.sqrt(count)) * self.most * math.pi * radius_um**2
         # Twice that of the field, and what the sums round.
         return energy, error + 10 * self.rounding
+
+
+def sampled_field(pupil: Pupil, camera: Camera) -> SampledField:
+    """A pupil's field at so few frequencies that they give it anywhere in the window, at all lines of a camera."""
+    reach_um = camera.window_um / 2 + _BEYOND * point_step_um(camera)
+    highest = reach_um / min(image_scale_um2(camera, line) for line in camera.wavelengths_nm)
+    sides = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
+    return SampledField.of(prepare(pupil, highest, highest).field, (sides[0], sides[1]), (highest, highest))

@@ -10,9 +10,10 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.optimize import minimize_scalar
 from scipy.special import j1
 
+from maskfab.base.errors import InternalError
 from maskfab.base.model import Psf
 from maskfab.job.camera import Camera
-from maskfab.optics.exact_psf import ExactPsf
+from maskfab.optics.exact_psf import ExactPsf, sampled_field
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.hard_cases import clear_region
@@ -130,3 +131,17 @@ def test_polygons_have_the_lobes_of_their_dots() -> None:
     one, other = (ExactPsf.of(points, openings, setting, None) for openings in (source, outline))
     for told in (peak_to_side_lobe, first_side_lobe):
         assert abs(told(one).value - told(other).value) <= told(other).uncertainty
+
+
+def test_a_sampled_field_tells_the_same_lobes_and_refuses_what_it_does_not_hold() -> None:
+    source, setting = drawn()
+    sampled, points = sampled_field(source, setting), point_psf(source, setting, 530.0)
+    places = np.linspace(-50.0, 50.0, 23)
+    exact, quick = (ExactPsf.of(points, source, setting, None, each) for each in (None, sampled))
+    off = abs(np.sqrt(exact.intensity(places, places[3:9])) - np.sqrt(quick.intensity(places, places[3:9])))
+    assert off.max() <= quick.rounding * np.sqrt(quick.most)
+    for told in (first_side_lobe, peak_to_side_lobe):
+        one, other = told(exact), told(quick)
+        assert abs(one.value - other.value) <= one.uncertainty + other.uncertainty
+    with pytest.raises(InternalError, match="MF901"):
+        quick.intensity(np.array([60.0]), places)

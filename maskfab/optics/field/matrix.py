@@ -384,6 +384,25 @@ class SampledField:
         up = across if self.nodes_u == self.nodes_v and np.array_equal(u, v) else self.nodes_v.interpolation(v)
         return _whole(_carried(self.parts, across, up), on_axis=bool(u[0] == 0))
 
+    def at(self, u: Floats, v: Floats) -> Complexes:
+        """The field at any frequencies up to the highest, of either sign, [nv, nu] from [nu] and [nv].
+
+        Raises:
+            InternalError: MF901 for a frequency beyond the highest.
+        """
+        waves = []
+        for nodes, frequency in ((self.nodes_u, u), (self.nodes_v, v)):
+            most = float(abs(frequency).max())
+            if most > nodes.highest * (1 + 1e-9):
+                what = f"a frequency of {most:g} cycles/um is beyond the {nodes.highest:g} that a field was sampled for"
+                raise InternalError("MF901", what)
+            waves.append(nodes.interpolation(abs(frequency)))
+            waves[-1][1] *= np.sign(frequency)
+        (even_u, odd_u), (even_v, odd_v) = waves
+        (ee, eo), (oe, oo) = self.parts
+        real = even_v.T @ (ee @ even_u) - odd_v.T @ (oo @ odd_u)
+        return np.asarray(real - 1j * (odd_v.T @ (oe @ even_u) + even_v.T @ (eo @ odd_u)))
+
 
 def _carried(parts: Reals, across: Reals, up: Reals) -> Reals:
     """Parts at nodes taken to other frequencies."""

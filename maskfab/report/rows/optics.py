@@ -25,7 +25,7 @@ from maskfab.mask.plate import mirrored
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities
-from maskfab.optics.exact_psf import ExactPsf
+from maskfab.optics.exact_psf import ExactPsf, sampled_field
 from maskfab.optics.field.polygons import Boundary, boundary
 from maskfab.optics.film_lags import lit_lags
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
@@ -187,6 +187,7 @@ def measure_pupils(
     read_psfs = ReadyPupil.of(read, camera, margin).psfs(leak)
     matrix = read if design is None else design
     matrix_psfs = read_psfs if matrix is read else ReadyPupil.of(matrix, camera, margin).psfs(leak)
+    sampled = None if design is None else sampled_field(matrix, camera)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
@@ -201,7 +202,7 @@ def measure_pupils(
             pixels = pixel_psf(read_psf, camera)
         error = metrics.relative_difference(polygons, of_matrix)
         mtf = presampled_mtf(table, camera, wavelength)
-        seen = ExactPsf.of(points, outline if design is None else matrix, camera, leak)
+        seen = ExactPsf.of(points, outline if design is None else matrix, camera, leak, sampled)
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
