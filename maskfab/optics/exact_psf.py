@@ -28,7 +28,7 @@ from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Pupil
 
-# Error of a field over the one on the axis: rounding, of one from samples, and by polygons that stand for a stop's sides.
+# Error of a field over the one on the axis: rounding, of one from samples, and by polygons that stand for a stop.
 _ROUNDING, _SAMPLED, _OF_POLYGONS = 2e-14, 1e-12, 1e-8
 # PSF samples beyond the window to which a square about a lobe may reach.
 _BEYOND = 4

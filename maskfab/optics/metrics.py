@@ -285,15 +285,15 @@ def _aliases(mtf: Mtf, camera: Camera) -> tuple[Floats, Floats, Floats]:
 def _alias_errors(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> tuple[Floats, Floats]:
     """Errors [2 n] of an aliased MTF less the presampled one: by what folds onto it, and by what it folds onto.
 
-    Lags far from each other err independently. The error of the presampled part is in both, but for its direction,
-    which turns by twice the ratio of the others to it at most.
+    The error of the presampled part is in both, but for its direction, which turns by twice the ratio of the others to
+    it at most.
     """
     orders, alias, pixel = _aliases(mtf, camera)
     scale, own = image_scale_um2(camera, mtf.wavelength_nm), orders == 0
     aside, turned = [], []
     for axis in lags:
         error = abs(pixel) * axis.error_at(scale * alias, table)
-        aside.append(np.sqrt((error[~own] ** 2).sum(axis=0)))
+        aside.append(error[~own].sum(axis=0))
         parts = abs(axis.at(scale * alias) / table.energy_um2 * pixel)
         others = parts[~own].sum(axis=0)
         turned.append(error[own][0] * 2 * others / np.maximum(np.maximum(parts[own][0], others), np.finfo(float).tiny))
