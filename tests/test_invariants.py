@@ -126,11 +126,15 @@ def test_turning_the_mask_turns_the_psf_and_permutes_the_cuts(k: int) -> None:
     plain, moved = (cut(a, setting.stop) for a in (aperture, turned))
     first, second = (point_psf(p, setting, 530.0).values for p in (plain, moved))
     np.testing.assert_allclose(second, orient(first, k), rtol=1e-9, atol=1e-15)
-    cuts, other = (presampled_mtf(lag_table(p), setting, 530.0).cuts for p in (plain, moved))
-    for name in ("radial_min", "radial_mean", "radial_max"):
-        np.testing.assert_allclose(other[name], cuts[name], atol=1e-12)
+    one, another = (presampled_mtf(lag_table(p), setting, 530.0) for p in (plain, moved))
+    cuts, other = one.cuts, another.cuts
+    np.testing.assert_allclose(other["radial_min"], cuts["radial_min"], atol=1e-12)
+    # Of a ring some samples are exact, not the same ones, and of a cut what errs by most.
+    bar = min(1e-3, one.uncertainty + another.uncertainty)
+    for name in ("radial_mean", "radial_max"):
+        np.testing.assert_allclose(other[name], cuts[name], atol=bar)
     expected = "vertical" if k % 2 else "horizontal"
-    np.testing.assert_allclose(other["horizontal"], cuts[expected], atol=1e-12)
+    np.testing.assert_allclose(other["horizontal"], cuts[expected], atol=bar)
 
 
 def test_babinet() -> None:

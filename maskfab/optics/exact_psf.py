@@ -22,7 +22,7 @@ from numpy.polynomial.legendre import legvander
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Psf
 from maskfab.job.camera import Camera
-from maskfab.optics.field.matrix import SampledField, direct_field, prepare
+from maskfab.optics.field.matrix import ParityField, SampledField, direct_field, parity_of, prepare
 from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, point_step_um, psf_norm_um6
@@ -68,7 +68,7 @@ class ExactPsf:
         """Of openings that the stop has cut, and of the film round them.
 
         Args:
-            sampled: field of a pupil, as of :func:`sampled_field`, where many places are asked for.
+            sampled: their field, as of :func:`sampled_field`, where many places are asked for.
         """
         outlined = isinstance(openings, Boundary)
         clear = openings.area_um2 if isinstance(openings, Boundary) else openings.energy_um2
@@ -77,10 +77,10 @@ class ExactPsf:
 
         def intensity(x_um: Floats, y_um: Floats) -> Floats:
             u, v = x_um / scale, y_um / scale
-            if isinstance(openings, Boundary):
-                field = openings.at(u, v)
+            if sampled is not None:
+                field = sampled.at(u, v)
             else:
-                field = direct_field(openings, u, v) if sampled is None else sampled.at(u, v)
+                field = openings.at(u, v) if isinstance(openings, Boundary) else direct_field(openings, u, v)
             if leak is not None:
                 field = leak.field(field, u, v)
             return np.asarray((field.real**2 + field.imag**2) / norm)
@@ -118,9 +118,16 @@ class ExactPsf:
         return energy, error + 10 * self.rounding
 
 
-def sampled_field(pupil: Pupil, camera: Camera) -> SampledField:
-    """A pupil's field at so few frequencies that they give it anywhere in the window, at all lines of a camera."""
+def sampled_field(openings: Pupil | Boundary, camera: Camera) -> SampledField:
+    """A field at so few frequencies that they give it anywhere in the window, at all lines of a camera."""
     reach_um = camera.window_um / 2 + _BEYOND * point_step_um(camera)
     highest = reach_um / min(image_scale_um2(camera, line) for line in camera.wavelengths_nm)
-    sides = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
-    return SampledField.of(prepare(pupil, highest, highest).field, (sides[0], sides[1]), (highest, highest))
+    if isinstance(openings, Boundary):
+        outline, (width, height) = openings, camera.stop.sides_um
+
+        def of_polygons(u: Floats, v: Floats) -> ParityField:
+            return parity_of(outline.at(u, v), outline.at(u, -v), on_axis=bool(u[0] == 0))
+
+        return SampledField.of(of_polygons, (width / 2, height / 2), (highest, highest))
+    sides = [float(abs(axis.edges_um()).max()) for axis in (openings.x, openings.y)]
+    return SampledField.of(prepare(openings, highest, highest).field, (sides[0], sides[1]), (highest, highest))

@@ -53,7 +53,7 @@ LEVELS = (50, 30, 10)
 # A cut's sample whose error is larger is made exact.
 _COARSE = 2e-3
 # How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
-_FIRST_OF_RING, _MOST_PAIRS, _MOST_OF_OUTLINE = 1, 200_000, 3_000_000
+_FIRST_OF_RING, _MOST_PAIRS, _MOST_OF_OUTLINE = 1, 400_000, 3_000_000
 # Boxes across the stop by which diagonals of an outline are known that has too many parts.
 _BOXES_OF_DIAGONALS = 2000
 
@@ -166,7 +166,7 @@ class _View:
 
     def coarse(self, nu_x: Floats, nu_y: Floats) -> tuple[Floats, Floats]:
         lag_x, lag_y = self.scale_um2 * nu_x, self.scale_um2 * nu_y
-        pixel = self.pixel(nu_x, nu_y)
+        pixel = self.pixel(nu_x, nu_y) * ~apart(self.camera.stop, lag_x, lag_y)
         return abs(self.table.coarse_otf(lag_x, lag_y)) * pixel, self.table.error_at(lag_x, lag_y, coarse=True) * pixel
 
     def bounded(self, nu_x: Floats, nu_y: Floats, most: float = math.inf) -> tuple[Floats, Floats]:

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebder, chebpts1, chebval2d, chebvander
@@ -44,9 +44,9 @@ _NODES = 18
 _LEBESGUE = 1 + 2 / math.pi * math.log(_NODES)
 # What parabolas through finer samples lose of a lobe that nothing near outshines; of PSF samples, the bound above.
 _LOST, _BETWEEN = 0.015, 2.8
-# Samples along a tile; half the side of a square that is climbed, in finer samples; places along what is looked at in
-# it, how far, at first so that no other lobe is in sight, and at last; and how often the square moves on.
-_TILE, _SQUARE, _PLACES, _FIRST_REACH, _PLACE_ERROR, _STEPS = 16, 3, 17, 0.25, 1e-7, 64
+# Samples along a tile; half the side of a square that is climbed, in finer samples; how far a step on it goes, so that
+# no other lobe is in sight, and to what of it a place is known; how many steps, and squares, and lobes on a ring.
+_TILE, _SQUARE, _FIRST_REACH, _PLACE_ERROR, _NEWTON, _STEPS, _MOST_CLIMBS = 16, 3, 0.25, 1e-7, 100, 32, 200
 # Half the side of the first square in which the nearest lobe is looked for, in units of λf / D; then twice as much.
 _FIRST_ORDERS = 2.5
 
@@ -90,13 +90,17 @@ class SideLobes:
     def brightest(self) -> Lobe | None:
         """The brightest side lobe in the window; None if there is none."""
         best: Lobe | None = None
+        climbs = 0
         tiles = sorted(self._tiles(), reverse=True)
         for most, row, column in tiles:
             if best is not None and most * _BETWEEN < best.intensity:
                 break
             for top, x, y in self._maxima(column, row):
                 if best is None or top > (1 - _LOST) * best.intensity:
-                    lobe = self.climbed(x, y)
+                    if best is not None and climbs >= _MOST_CLIMBS:
+                        # Of a ring all is as bright as its lobes; what is not climbed is in the error.
+                        return replace(best, error=best.error + _LOST * best.intensity)
+                    lobe, climbs = self.climbed(x, y), climbs + 1
                     best = max((lobe, best), key=lambda each: 0.0 if each is None else each.intensity)
         return best
 
@@ -110,10 +114,15 @@ class SideLobes:
             # Of a square's corners only what lies within its inner circle is known to be the nearest.
             known = math.inf if whole else (count - 2) * self._finer_um
             best: Lobe | None = None
-            for _, x, y in near:
+            for climbs, (_, x, y) in enumerate(near):
                 # A sample may lie as far from its lobe as from the next sample.
-                if math.hypot(x, y) > min(known, math.inf if best is None else best.distance_um + 1.5 * self._finer_um):
+                apart = math.hypot(x, y) - 1.5 * self._finer_um
+                if apart > min(known - 1.5 * self._finer_um, math.inf if best is None else best.distance_um):
                     break
+                if best is not None and climbs >= _MOST_CLIMBS:
+                    # Of a ring all is as near as its lobes; what is not climbed is in the error.
+                    error = best.distance_error_um + max(0.0, best.distance_um - apart)
+                    return replace(best, distance_error_um=error)
                 lobe = self.climbed(x, y)
                 if lobe is not None and (best is None or lobe.distance_um < best.distance_um):
                     best = lobe
@@ -187,18 +196,25 @@ class SideLobes:
 
 
 def _ascended(series: Floats) -> tuple[float, float, float]:
-    """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle."""
-    right, up, top, reach = 0.0, 0.0, -math.inf, _FIRST_REACH / _SQUARE
-    while reach > _PLACE_ERROR:
-        across, along = (np.clip(at + np.linspace(-reach, reach, _PLACES), -1, 1) for at in (right, up))
-        seen = chebvander(along, _NODES - 1) @ series @ chebvander(across, _NODES - 1).T
-        j, i = np.unravel_index(np.argmax(seen), seen.shape)
-        # Uphill as far as that is to be felt, then closer.
-        inside = max(abs(across[i] - right), abs(along[j] - up)) < reach * (1 - 1 / _PLACES)
-        if inside or seen[j, i] <= top * (1 + 1e-12):
-            reach *= 3 / (_PLACES - 1)
-        right, up, top = float(across[i]), float(along[j]), float(seen[j, i])
-    return right, up, top
+    """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle.
+
+    Newton's steps along the axes of curvature, uphill where that is not downward, none longer than keeps other lobes
+    out of sight: a ridge is followed as far as it rises.
+    """
+    place, reach = np.zeros(2), _FIRST_REACH / _SQUARE
+    slopes = [chebder(series, axis=axis) for axis in (1, 0)]
+    bends = [chebder(slopes[0], axis=1), chebder(slopes[0], axis=0), chebder(slopes[1], axis=0)]
+    for _ in range(_NEWTON):
+        slope, bend = ([float(chebval2d(place[0], place[1], part.T)) for part in parts] for parts in (slopes, bends))
+        xx, xy, yy = bend
+        curvatures, axes = np.linalg.eigh([[xx, xy], [xy, yy]])
+        uphill = axes.T @ slope
+        step = axes @ np.clip(uphill / np.maximum(abs(curvatures), 1e-300), -reach, reach)
+        moved = np.clip(place + step, -1, 1) - place
+        place = place + moved
+        if abs(moved).max() < _PLACE_ERROR / 100:
+            break
+    return float(place[0]), float(place[1]), float(chebval2d(place[0], place[1], series.T))
 
 
 def _parabola(three: Sequence[Floats]) -> tuple[Floats, Floats]:

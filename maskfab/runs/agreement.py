@@ -133,11 +133,14 @@ def _is_number(text: str) -> bool:
 
 
 def _rounds_to(exact: str, shown: str) -> bool:
-    """Whether a number is shown to within half a unit of its last digit; what is shown in words is not judged."""
+    """Whether a number is shown to within half a unit of its last digit, of tens if that is 0; words are not judged."""
     found = _NUMBER.match(shown)
     if found is None:
         return True
     digits = re.sub(r"\s", "", found["digits"]).replace("−", "-")
     power = 10.0 ** int((found["power"] or "⁰").translate(_POWERS))
     unit = power * 10.0 ** -len(digits.partition(".")[2])
+    if "." not in digits and digits.endswith("0"):
+        # Known to tens: no more of it is shown.
+        unit *= 10
     return abs(float(digits) * power - float(exact)) <= 0.5001 * unit + 1e-12 * abs(float(exact))

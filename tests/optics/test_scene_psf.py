@@ -178,7 +178,9 @@ def test_the_fullest_plan_models_all_that_the_scene_has() -> None:
 def test_the_fullest_plan_has_samples_that_tell_the_error_of_the_plans_own() -> None:
     for each in (*CASES, *COMBINED):
         plan = planned(each)
-        assert 0 < plan.fullest_error <= priced(each).own_error(plan.fullest) + RESAMPLED <= each.accuracy / 2
+        # Lines of a band come on top of what its paths err.
+        assert 0 < plan.fullest_error <= each.accuracy / 2
+        assert priced(each).own_error(plan.fullest) + RESAMPLED <= each.accuracy / 2
         if plan.choice.diffraction:
             assert plan.fullest.samples_per_dot >= 2 * plan.choice.samples_per_dot
 

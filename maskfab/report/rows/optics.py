@@ -187,7 +187,7 @@ def measure_pupils(
     read_psfs = ReadyPupil.of(read, camera, margin).psfs(leak)
     matrix = read if design is None else design
     matrix_psfs = read_psfs if matrix is read else ReadyPupil.of(matrix, camera, margin).psfs(leak)
-    sampled = None if design is None else sampled_field(matrix, camera)
+    sampled = sampled_field(outline if design is None else matrix, camera)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
