@@ -129,6 +129,10 @@ def test_turning_the_mask_turns_the_psf_and_permutes_the_cuts(k: int) -> None:
     one, another = (presampled_mtf(lag_table(p), setting, 530.0) for p in (plain, moved))
     cuts, other = one.cuts, another.cuts
     np.testing.assert_allclose(other["radial_min"], cuts["radial_min"], atol=1e-12)
+    lag = np.linspace(0.0, 199.0, 40)
+    tables = [lag_table(p) for p in (plain, moved)]
+    along = (lag, 0 * lag) if k % 2 == 0 else (0 * lag, lag)
+    np.testing.assert_allclose(tables[1].otf(lag, 0 * lag), tables[0].otf(*along), atol=1e-12)
     # Of a ring some samples are exact, not the same ones, and of a cut what errs by most.
     bar = min(1e-3, one.uncertainty + another.uncertainty)
     for name in ("radial_mean", "radial_max"):

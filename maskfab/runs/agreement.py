@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -24,7 +25,7 @@ from maskfab.mask.judge.sources import digest
 
 _ROW = re.compile(r'<tr>\s*<td title="(?P<name>[^"]+)">.*?</tr>', re.DOTALL)
 _CELL = re.compile(r'<td class="n" title="(?P<exact>[^"]*)">(?P<shown>[^<]*)')
-_EXACT = re.compile(r"(?P<number>-?\d+(\.\d+)?(e[-+]?\d+)?)( ± \S+)?( [^\d\s]\S*)?")
+_EXACT = re.compile(r"(?P<number>-?\d+(\.\d+)?(e[-+]?\d+)?)( ± (?P<error>\S+))?( [^\d\s]\S*)?")
 _NUMBER = re.compile(r"(?P<digits>[-−]?\d+(?:\s\d{3})*(?:\.\d+)?)(?:\s×\s10(?P<power>[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?")
 _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _COLUMNS = ("die", "name", "value", "error", "unit", "limit", "passed", "wavelength_nm", "level_db")
@@ -51,7 +52,7 @@ def check_agreement(folder: Path) -> int:
     told: set[str] = set()
     compared = len(table)
     for page in (PAGE, APPENDIX):
-        for name, exact, shown in _cells((folder / page).read_text("utf-8")):
+        for name, exact, error, shown in _cells((folder / page).read_text("utf-8")):
             if name not in values:
                 continue
             told.add(name)
@@ -60,7 +61,7 @@ def check_agreement(folder: Path) -> int:
                 float(own) for own in values[name] if _is_number(own)
             }:
                 _refuse(page, name, f"is {exact} there, and nowhere in {REPORT}")
-            if not _rounds_to(exact, shown):
+            if not _rounds_to(exact, shown, error):
                 _refuse(page, name, f"of {exact} is shown as {shown}")
     owed = {row[1] for row in rows if row[0] and row[7] and _is_number(row[2])}
     if lost := sorted(owed - told):
@@ -119,28 +120,31 @@ def _text(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def _cells(page: str) -> Iterator[tuple[str, str, str]]:
-    """Name, exact value and shown value of every number in the tables of a page."""
+def _cells(page: str) -> Iterator[tuple[str, str, float, str]]:
+    """Name, exact value, its error and shown value of every number in the tables of a page."""
     for row in _ROW.finditer(page):
         for cell in _CELL.finditer(row[0]):
             exact = _EXACT.fullmatch(unescape(cell["exact"]))
             if exact is not None:
-                yield row["name"], exact["number"], unescape(cell["shown"]).strip()
+                yield row["name"], exact["number"], float(exact["error"] or 0), unescape(cell["shown"]).strip()
 
 
 def _is_number(text: str) -> bool:
     return re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?", text) is not None
 
 
-def _rounds_to(exact: str, shown: str) -> bool:
-    """Whether a number is shown to within half a unit of its last digit, of tens if that is 0; words are not judged."""
+def _rounds_to(exact: str, shown: str, error: float) -> bool:
+    """Whether a number is shown to within half a unit of its last digit; what is shown in words is not judged.
+
+    Args:
+        error: as a page states it: a number that is not known to its units is shown in tens or more.
+    """
     found = _NUMBER.match(shown)
     if found is None:
         return True
     digits = re.sub(r"\s", "", found["digits"]).replace("−", "-")
     power = 10.0 ** int((found["power"] or "⁰").translate(_POWERS))
     unit = power * 10.0 ** -len(digits.partition(".")[2])
-    if "." not in digits and digits.endswith("0"):
-        # Known to tens: no more of it is shown.
-        unit *= 10
+    if error >= 10:
+        unit = max(unit, 10.0 ** math.floor(math.log10(error)))
     return abs(float(digits) * power - float(exact)) <= 0.5001 * unit + 1e-12 * abs(float(exact))
