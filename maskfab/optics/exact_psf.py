@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -22,7 +23,7 @@ from numpy.polynomial.legendre import legvander
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Psf
 from maskfab.job.camera import Camera
-from maskfab.optics.field.matrix import ParityField, SampledField, direct_field, parity_of, prepare
+from maskfab.optics.field.matrix import SampledField, direct_field, prepare
 from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, point_step_um, psf_norm_um6
@@ -68,33 +69,27 @@ class ExactPsf:
         """Of openings that the stop has cut, and of the film round them.
 
         Args:
-            sampled: their field, as of :func:`sampled_field`, where many places are asked for.
+            sampled: their field, as of :func:`sampled_field`; if None, polygons get one, and dots are summed directly.
         """
-        outlined = isinstance(openings, Boundary)
-        clear = openings.area_um2 if isinstance(openings, Boundary) else openings.energy_um2
+        if isinstance(openings, Boundary):
+            clear, rounding = openings.area_um2, _OF_POLYGONS
+            at = (sampled or sampled_field(openings, camera)).at
+        else:
+            clear, rounding = openings.energy_um2, _SAMPLED if sampled else _ROUNDING
+            at = sampled.at if sampled else partial(direct_field, openings)
         scale = image_scale_um2(camera, samples.wavelength_nm)
         norm = psf_norm_um6(scale, clear if leak is None else leak.energy_um2(clear))
 
         def intensity(x_um: Floats, y_um: Floats) -> Floats:
             u, v = x_um / scale, y_um / scale
-            if sampled is not None:
-                field = sampled.at(u, v)
-            else:
-                field = openings.at(u, v) if isinstance(openings, Boundary) else direct_field(openings, u, v)
+            field = at(u, v)
             if leak is not None:
                 field = leak.field(field, u, v)
             return np.asarray((field.real**2 + field.imag**2) / norm)
 
         most = (clear if leak is None else camera.stop.area_um2) / scale**2
         highest = cutoff(camera, samples.wavelength_nm)
-        return cls(
-            samples,
-            intensity,
-            most,
-            highest,
-            _OF_POLYGONS if outlined else _ROUNDING if sampled is None else _SAMPLED,
-            leak is None,
-        )
+        return cls(samples, intensity, most, highest, rounding, leak is None)
 
     def in_circle(self, radius_um: float) -> tuple[float, float]:
         """Share of all energy within a circle about the axis, and the bound of its error."""
@@ -123,11 +118,6 @@ def sampled_field(openings: Pupil | Boundary, camera: Camera) -> SampledField:
     reach_um = camera.window_um / 2 + _BEYOND * point_step_um(camera)
     highest = reach_um / min(image_scale_um2(camera, line) for line in camera.wavelengths_nm)
     if isinstance(openings, Boundary):
-        outline, (width, height) = openings, camera.stop.sides_um
-
-        def of_polygons(u: Floats, v: Floats) -> ParityField:
-            return parity_of(outline.at(u, v), outline.at(u, -v), on_axis=bool(u[0] == 0))
-
-        return SampledField.of(of_polygons, (width / 2, height / 2), (highest, highest))
-    sides = [float(abs(axis.edges_um()).max()) for axis in (openings.x, openings.y)]
-    return SampledField.of(prepare(openings, highest, highest).field, (sides[0], sides[1]), (highest, highest))
+        width, height = camera.stop.sides_um
+        return SampledField.of(openings.parity, (width / 2, height / 2), (highest, highest))
+    return SampledField.of(prepare(openings, highest, highest).field, openings.reach_um, (highest, highest))

@@ -191,12 +191,8 @@ class LagTable:
         """Whether so many lags may be exact at once; of few polygons, or where there are none, they may."""
         return self.outline is None or lags * self.cut_dots <= _PAIRS_OF_OUTLINE
 
-    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
-        """C(s) / C(0) at lags [n], exact where that costs little, and a bound of the error of each.
-
-        Args:
-            most: what errs by more is made exact, too, if it can be afforded.
-        """
+    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> tuple[Floats, Floats]:
+        """C(s) / C(0) at lags [n], exact where that costs little, and a bound of the error of each."""
         values, errors = self.coarse_otf(lag_x_um, lag_y_um), self.error_at(lag_x_um, lag_y_um, coarse=True)
         if not self.rims:
             return values, errors
@@ -208,8 +204,6 @@ class LagTable:
                 exact = near
             if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
                 exact = exact & ~near
-        vague = meets & (errors > most)
-        exact = exact | (vague & self.affords(int(np.count_nonzero(vague))))
         values, errors = values * meets, errors * meets
         values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
         errors[exact] = self.error_at(lag_x_um[exact], lag_y_um[exact])

@@ -169,11 +169,6 @@ class _View:
         pixel = self.pixel(nu_x, nu_y) * ~apart(self.camera.stop, lag_x, lag_y)
         return abs(self.table.coarse_otf(lag_x, lag_y)) * pixel, self.table.error_at(lag_x, lag_y, coarse=True) * pixel
 
-    def bounded(self, nu_x: Floats, nu_y: Floats, most: float = math.inf) -> tuple[Floats, Floats]:
-        optics, error = self.table.bounded_otf(self.scale_um2 * nu_x, self.scale_um2 * nu_y, most)
-        pixel = self.pixel(nu_x, nu_y)
-        return abs(optics) * pixel, error * pixel
-
     def diagonals(self, slant: Floats) -> tuple[Floats, Floats]:
         """The coarse MTF along both diagonals, one after the other, at even steps [n] of either frequency from 0."""
         across, up = np.concatenate([slant, -slant]), np.concatenate([slant, slant])

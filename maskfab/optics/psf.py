@@ -171,8 +171,7 @@ class ReadyPupil:
         prepared: Prepared = path.prepare(pupil, *end, "double")
         if len(lines) > 1 and path is not PRUNED:
             # Openings are looked at once; all lines are taken from there.
-            reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
-            prepared = SampledField.of(prepared.field, (reach[0], reach[1]), end)
+            prepared = SampledField.of(prepared.field, pupil.reach_um, end)
         return cls(pupil, camera, lines, frequencies, prepared)
 
     def psfs(self, leak: Leak | None = None) -> list[Psf]:

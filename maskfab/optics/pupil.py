@@ -363,6 +363,12 @@ class Pupil:
         moments = np.zeros((0, RIM_ORDERS, RIM_ORDERS))
         return cls(x, y, whole, zeros(whole.shape), none, none, moments, np.zeros(0), stop)
 
+    @property
+    def reach_um(self) -> tuple[float, float]:
+        """Farthest from the axis that an interval lies, along x and along y."""
+        x, y = (float(abs(lattice.edges_um()).max()) for lattice in (self.x, self.y))
+        return x, y
+
     def scaled(self, factor: float) -> Pupil:
         """A pupil that many times as clear."""
         return replace(

@@ -8,7 +8,8 @@ largest, is nowhere above max |E_n| / cos(π h B / 2)² (Bernstein's inequality 
 it, Trans. Amer. Math. Soc. 50, 517, 1941, for each axis in turn). The intensity so is nowhere above cos(π h B / 2)^-4
 times its samples: 2.8 where they are as far apart as those of a PSF may be, 1.06 on the finer ones. For a part of the
 plane that holds of E times a window. So only tiles with a sample above a third of the brightest lobe are looked at more
-finely, and of their maxima all that could still be brighter than the best are climbed.
+finely, and of their maxima all that could still be brighter than the best are climbed. Of a ring, which has as many of
+them as samples, ``_MOST_CLIMBS`` are, and what the others could be is in the error.
 
 **A maximum is climbed** on a polynomial through n x n values of the field at Chebyshev nodes of a square of half side a
 about it. For 0 <= I <= M of no frequency above B, Bernstein's inequality bounds the n-th derivative along an axis by

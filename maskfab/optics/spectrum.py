@@ -433,7 +433,6 @@ def band_errors(pupil: Pupil, camera: Camera, bands: Sequence[Band]) -> dict[int
     samples = max(_LEAST_SAMPLES, math.ceil(1.5 * half * cutoff(camera, shortest_nm)))
     slopes = (np.arange(samples, dtype=np.float64) + 0.5) / samples
     highest = half / image_scale_um2(camera, shortest_nm)
-    reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
     sides = pupil.stop.sides_um
     farthest = max(sides) / math.sqrt(2) if pupil.stop.round else sum(sides) / 2
     # The step of a discrete transform suits one wavelength only.
@@ -441,7 +440,7 @@ def band_errors(pupil: Pupil, camera: Camera, bands: Sequence[Band]) -> dict[int
         path for path in admissible(FieldTask.of(pupil, highest * slopes, highest * slopes)) if path is not PRUNED
     )
     end = (beyond(farthest, highest),) * 2
-    sampled = SampledField.of(path.prepare(pupil, *end, "double").field, (reach[0], reach[1]), end)
+    sampled = SampledField.of(path.prepare(pupil, *end, "double").field, pupil.reach_um, end)
     rays, own = Rays.of(sampled, farthest, highest, slopes), path.error["double"] + RAYS_ERROR
     # Evenly in the angle whose cosine it is, places see the peak on the axis, where even ones hardly do.
     count = math.ceil(np.pi / 2 * samples)

@@ -33,6 +33,7 @@ import numpy as np
 from maskfab.base.arrays import Complexes, Floats, Indices, expanded
 from maskfab.base.errors import InternalError
 from maskfab.base.model import frozen
+from maskfab.optics.field.matrix import ParityField
 from maskfab.optics.polynomials import gauss_legendre
 
 EDGES_AT_A_TIME, _NODES_AT_A_TIME = 2**18, 2**20
@@ -115,17 +116,33 @@ class Boundary:
         field[block] += self.area_um2
         return field
 
-    def at(self, u: Floats, v: Floats) -> Complexes:
-        """The field at frequencies [nu] and [nv] along the axes, summed node by node, [nv, nu]."""
-        total = np.zeros((v.size, u.size), dtype=np.complex128)
+    def parity(self, u: Floats, v: Floats) -> ParityField:
+        """The field at frequencies along the axes, [nu] and [nv], none negative, summed node by node.
+
+        Sums of cosines and sines tell it at all four signs, by real products.
+        """
+        # Of dy and dx; with cosine and sine along y, and along x.
+        sums = np.zeros((2, 2, 2, v.size, u.size))
         for nodes in self._parts():
             for start in range(0, nodes.dx.size, _PHASES_AT_A_TIME):
                 part = slice(start, start + _PHASES_AT_A_TIME)
-                across, up = (np.exp(-2j * np.pi * q[:, None] * nodes.points[k, part]) for k, q in enumerate((u, v)))
-                total += u * ((up * nodes.dy[part]) @ across.T) - v[:, None] * ((up * nodes.dx[part]) @ across.T)
+                phases = (2 * np.pi * q[:, None] * nodes.points[k, part] for k, q in enumerate((u, v)))
+                across, up = ((np.cos(phase), np.sin(phase)) for phase in phases)
+                for k, weight in enumerate((nodes.dy[part], nodes.dx[part])):
+                    for j, i in np.ndindex(2, 2):
+                        sums[k, j, i] += (up[j] * weight) @ across[i].T
         squared = u**2 + v[:, None] ** 2
-        total *= 1j / (2 * np.pi) / np.where(squared, squared, 1.0)
-        return np.where(squared, total, self.area_um2)
+        share = 1 / (2 * np.pi * np.where(squared, squared, 1.0))
+        along, aside = u * share, v[:, None] * share
+        by_dy, by_dx = sums
+        even_even = np.where(squared, along * by_dy[0, 1] - aside * by_dx[1, 0], self.area_um2)
+        return ParityField(
+            even_even,
+            -along * by_dy[0, 0] - aside * by_dx[1, 1],
+            along * by_dy[1, 1] + aside * by_dx[0, 0],
+            -along * by_dy[1, 0] + aside * by_dx[0, 1],
+            on_axis=bool(u[0] == 0),
+        )
 
     def _near(self, step: float, most: int) -> int:
         """Number of frequencies on either side of 0 that are summed directly."""
