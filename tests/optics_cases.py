@@ -8,13 +8,13 @@ import numpy as np
 
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
+from maskfab.bench.hard_cases import clear_region, noise
+from maskfab.bench.hard_cases import example_camera as camera
+from maskfab.bench.hard_cases import example_panel as panel
+from maskfab.bench.hard_cases import example_pupil as pupil
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.gap import shift_um, shifted_pupil
-from maskfab.optics.hard_cases import clear_region, noise
-from maskfab.optics.hard_cases import example_camera as camera
-from maskfab.optics.hard_cases import example_panel as panel
-from maskfab.optics.hard_cases import example_pupil as pupil
 from maskfab.optics.phase import (
     PhasedPupil,
     Wavefront,

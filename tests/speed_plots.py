@@ -19,8 +19,7 @@ from threadpoolctl import threadpool_limits
 
 import maskfab as mf
 from maskfab.base.model import Panel
-from maskfab.job.camera import Stop
-from maskfab.optics.benchmark import (
+from maskfab.bench.race import (
     Race,
     Workload,
     absent,
@@ -30,6 +29,7 @@ from maskfab.optics.benchmark import (
     slit_panel,
     standard_workload,
 )
+from maskfab.job.camera import Stop
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.stop_edges import edges_in_stop
 

@@ -19,10 +19,7 @@ from threadpoolctl import threadpool_limits
 
 import maskfab as mf
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.designs.descent.objective import invertibility_of, tiled_stop
-from maskfab.designs.descent.panel_optics import Layout
-from maskfab.job.camera import Camera, Stop
-from maskfab.optics.benchmark import (
+from maskfab.bench.race import (
     PEERS,
     PsfTask,
     absent,
@@ -33,6 +30,9 @@ from maskfab.optics.benchmark import (
     slit_panel,
     standard_workload,
 )
+from maskfab.designs.descent.objective import invertibility_of, tiled_stop
+from maskfab.designs.descent.panel_optics import Layout
+from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.field.methods import STRUCTURE
 from maskfab.optics.field.polygons import boundary

@@ -25,8 +25,8 @@ from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
     from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
-    from maskfab.optics.benchmark import Timing
-    from maskfab.optics.hard_cases import CaseResult
+    from maskfab.bench.hard_cases import CaseResult
+    from maskfab.bench.race import Timing
     from maskfab.report.rows.text import Quantities
     from maskfab.runs.store import Entry
 
@@ -363,7 +363,7 @@ class Benchmark(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        from maskfab.optics import benchmark as accuracy_page
+        from maskfab.bench import race as accuracy_page
 
         return {
             **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
@@ -372,7 +372,7 @@ class Benchmark(Result):
 
     def picture(self) -> bytes:
         """A PNG of error against time."""
-        from maskfab.optics import benchmark as accuracy_page
+        from maskfab.bench import race as accuracy_page
 
         race = accuracy_page.Race(self.timings, self.bound_ms)
         return accuracy_page.race_figure({"speed against error": race})
@@ -386,13 +386,13 @@ class Benchmark(Result):
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        from maskfab.optics import benchmark as accuracy_page
+        from maskfab.bench import race as accuracy_page
 
         return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
 
     def __str__(self) -> str:
+        from maskfab.bench import race as accuracy_page
         from maskfab.job.reference import in_words
-        from maskfab.optics import benchmark as accuracy_page
 
         return "\n".join([*accuracy_page.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
 
@@ -413,12 +413,12 @@ class HardCases(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Every case."""
-        from maskfab.optics import benchmark as accuracy_page
+        from maskfab.bench import race as accuracy_page
 
         return accuracy_page.case_document(self.outcomes)
 
     def __str__(self) -> str:
-        from maskfab.optics import benchmark as accuracy_page
+        from maskfab.bench import race as accuracy_page
 
         return "\n".join(accuracy_page.case_table(self.outcomes))
 
@@ -450,11 +450,11 @@ def bench(
         JobError: MF105 for a die that the job does not have.
     """
     from maskfab.api.asked import dies_of, job_of
+    from maskfab.bench import race as accuracy
     from maskfab.job.reference import USES, unused
-    from maskfab.optics import benchmark as accuracy
 
     if hard:
-        from maskfab.optics.hard_cases import CASES, run_cases
+        from maskfab.bench.hard_cases import CASES, run_cases
 
         return HardCases(tuple(run_cases(CASES)))
     left: tuple[str, ...] = ()

@@ -153,13 +153,13 @@ def _check_shapes(spec: JobSpec, section: SearchSection, rules: Constraints, whe
 
 
 def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str) -> SceneConditions | None:
-    """Conditions of the job's scene; None without one, and where a search is by protocol F1 by name or by the AUC.
+    """Conditions of the job's scene; None without one, and where a search is by protocol F1 by name.
 
     Raises:
         JobError: MF104, MF114, MF115 for a scene that cannot be modelled; MF134 for other than three wavelengths;
             MF302 and others for the glass of the plate.
     """
-    if spec.scene is None or section.protocol == "f1" or section.objective != "restored":
+    if spec.scene is None or section.protocol == "f1":
         return None
     from maskfab.designs.search.scan import first_shape
 
@@ -196,8 +196,8 @@ def design(
         begin: opening that the search or the descent begins at, bool [dots, dots].
 
     Raises:
-        JobError: as :func:`check_possible`; MF105 for a search for the AUC, or of several openings, that is to begin
-            at one; MF152 without torch.
+        JobError: as :func:`check_possible`; MF105 for a search of several openings that is to begin at one;
+            MF152 without torch.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
@@ -213,7 +213,7 @@ def design(
             "MF105", what, where=f"{where}: start", cure=f"Give a start of {section.dots} x {section.dots} dots"
         )
     if begin is not None and isinstance(section, SearchSection):
-        others = {"objective": section.objective == "auc", "density": section.density, "cluster": section.cluster}
+        others = {"density": section.density, "cluster": section.cluster}
         if idle := [key for key, value in others.items() if value]:
             what = f"a search with {idle[0]} begins at no single opening"
             raise JobError("MF105", what, where=f"{where}: start", cure=f"Leave out {idle[0]}, or start")
@@ -225,10 +225,11 @@ def design(
         designed = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint, begin=begin)
     else:
         from maskfab.designs.search.method import search
+        from maskfab.designs.search.question import Question
 
         assert isinstance(section, SearchSection)
         needed = seen is not None and seen.needed
-        designed = search(
+        question = Question(
             section,
             scenes,
             command,
@@ -244,6 +245,7 @@ def design(
             begin=begin,
             executor=executor,
         )
+        designed = search(question)
     spread = designed.robust is not None
     uses = (
         USES["design"]

@@ -42,7 +42,8 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import OF_THE_EYE, Display, Footprints, footprints_of, misfit, of_display
 from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, scan
-from maskfab.designs.search.method import MAP_LEAK_SCENES, Judges, groups_of, map_of, map_seed
+from maskfab.designs.search.panel_map import map_of
+from maskfab.designs.search.question import MAP_LEAK_SCENES, Judges, groups_of, map_seed
 from maskfab.designs.search.result import (
     Alternatives,
     Prices,

@@ -167,15 +167,11 @@ def _check_search(design: SearchSection, where: str) -> None:
     for key, met, needed, cure in needs:
         if key in stated and getattr(design, key) is not None and not met:
             raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
-    pairs = [("objective", "families"), ("objective", "weights"), ("density", "positions"), ("density", "joint")]
+    pairs = [("density", "positions"), ("density", "joint")]
     pairs += [("cluster", "positions"), ("cluster", "joint"), ("cluster", "density")]
     if design.shortlist > 1:
-        pairs += [("objective", "shortlist"), ("density", "shortlist"), ("cluster", "shortlist")]
-    idle = {
-        "objective": design.objective == "auc",
-        "density": design.density is not None,
-        "cluster": design.cluster is not None,
-    }
+        pairs += [("density", "shortlist"), ("cluster", "shortlist")]
+    idle = {"density": design.density is not None, "cluster": design.cluster is not None}
     for key, needless in pairs:
         if idle[key] and needless in stated:
             what = f"{key} = {getattr(design, key)!r} makes {needless} useless"

@@ -164,9 +164,8 @@ class SearchSection(DesignSection):
     """[design] with method "search": compact shapes, by the photographs that could be restored behind them.
 
     Every shape of the ``families`` is judged by the expected restored PSNR, levels of light by their ``weights``, and
-    the best is changed dot by dot for ``anneal`` evaluations. With the ``objective`` "auc" it is the area under the
-    radial minimum of the blue MTF instead, and no families are looked at. With ``map`` the orientations of the cells
-    round the axis are designed too: with the light of a random map, drawn by ``tiling_seed``, or with cut cells turned
+    the best is changed dot by dot for ``anneal`` evaluations. With ``map`` the orientations of the cells round the axis
+    are designed too: with the light of a random map, drawn by ``tiling_seed``, or with cut cells turned
     inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
     map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
     are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
@@ -180,8 +179,6 @@ class SearchSection(DesignSection):
         tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
     ] = ("bars",)
     """Shapes that are tried."""
-    objective: Literal["restored", "auc"] = "restored"
-    """Expected PSNR of restored photographs, or area under the radial minimum of the blue MTF."""
     protocol: Literal["f1", "camera"] | None = None
     """Photographs that openings are compared by: protocol F1's, code values taken for light at 24, 32 and 40 dB, or
     those of the job's own sensor and levels in linear light; default: its own where it has [sensor] or [exposure]."""
@@ -225,24 +222,10 @@ class RelaxSection(DesignSection):
     """Epochs of the recipe."""
     objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}  # noqa: RUF012  # pydantic copies it
     """Weights of the objectives that are minimised; area is the pull on the open ratio."""
-    epsilon: float = Field(default=0.015, ge=0, le=1, allow_inf_nan=False)
-    """Regularisation of the invertibility objective."""
-    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
-    """Share of frequencies, the weakest, that the invertibility objective counts."""
     iterations: int = Field(default=300, ge=1, le=100_000)
     """Steps of the descent."""
     starts: int = Field(default=1, ge=1, le=1000)
     """Noisy starts, of which the best is kept."""
-    optimiser: Literal["adam", "sgd"] = "adam"
-    """Optimiser of the descent."""
-    rate: float = Field(default=0.2, gt=0, le=1e6, allow_inf_nan=False)
-    """Step size."""
-    start_logit: float = Field(default=1.0, ge=-100, le=100, allow_inf_nan=False)
-    """Mean logit of the dots at the start; 1 is 0.73 open."""
-    start_noise: float = Field(default=0.5, ge=0, le=100, allow_inf_nan=False)
-    """Standard deviation of the logits at the start."""
-    patience: int = Field(default=0, ge=0)
-    """Judgements without a better candidate after which a start ends; 0 for no end."""
 
 
 def _method(values: object) -> str:

@@ -183,7 +183,7 @@ Method = Literal["search", "relax"]
 METHODS: tuple[str, ...] = get_args(Method)
 Symmetry = Literal["d4", "mirror", "rot180"]
 Kissing = Literal["allowed", "cell", "neighbours"]
-ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boundary_leak", "mtf_auc", "area"]
+ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "area"]
 Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 Layout: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010"]

@@ -32,7 +32,7 @@ from maskfab.camera.scores import MeanDifference
 from maskfab.camera.sensor import Exposure
 from maskfab.designs.design import capture_settings, check_possible, design, scenes_of, section_of, stated_display
 from maskfab.designs.search.held import start_of
-from maskfab.designs.search.method import Judges
+from maskfab.designs.search.question import Judges
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.designs.search.scan import scanned
 from maskfab.display.drive import lives
@@ -85,8 +85,8 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
             :func:`maskfab.designs.design.check_possible`.
     """
     section = section_of(spec, where)
-    if not isinstance(section, SearchSection) or section.objective != "restored":
-        what, cure = "advice is on openings that are searched by restored photographs", 'Set objective = "restored"'
+    if not isinstance(section, SearchSection):
+        what, cure = "advice is on openings that are searched by restored photographs", 'Set method = "search"'
         raise JobError("MF105", what, where=f"{where}: design", cure=cure)
     for name in ("emitters", "plate"):
         if getattr(spec, name) is None:

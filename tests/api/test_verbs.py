@@ -248,7 +248,7 @@ lines = 5
 @pytest.mark.usefixtures("bound_loosely")
 def test_a_display_is_stated_in_a_call_as_in_a_job(tmp_path, monkeypatch):
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.designs.search.method._KICKS", 0)
+    monkeypatch.setattr("maskfab.designs.search.panel_map._KICKS", 0)
     # Without bounds, which take half of the time.
     monkeypatch.setattr("maskfab.base.work.Clock.affords", lambda *_: False)
     (tmp_path / "job.toml").write_text(ASKED)

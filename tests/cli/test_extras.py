@@ -40,7 +40,6 @@ NEED_TORCH = {
     "maskfab.designs.descent.panel_optics",
     "maskfab.designs.descent.schedule",
     "maskfab.designs.model.panel_error",
-    "maskfab.designs.search.mtf_exchange",
 }
 """Modules of descent along gradients, of panels judged with their slopes, and of the network."""
 

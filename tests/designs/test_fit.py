@@ -75,7 +75,7 @@ def test_groups_that_cannot_share_so_are_refused_at_once(tmp_path: Path, most: i
 @pytest.mark.slow
 def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
-    monkeypatch.setattr("maskfab.designs.search.method._KICKS", 0)
+    monkeypatch.setattr("maskfab.designs.search.panel_map._KICKS", 0)
     asked = ("fit = true", 'fit = true\nmap = "equal_light"\nshortlist = 1\ndensity = 0.31'), ("lines = 2", "lines = 7")
     path = job_of(tmp_path, *asked, more=DISPLAY.replace('tiling = "random"', 'tiling = "map"\nmap = "small_map.toml"'))
     text = path.read_text().replace("seed = 0", 'seed = 0\nothers = ["small_outer.toml"]')

@@ -11,18 +11,14 @@ from once import leaves
 from sweeps import in_turns, sweep
 
 from maskfab.base.errors import InputError
-from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.camera.lens import lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import (
     FEW_EPSILONS,
     ExpectedError,
-    MtfAuc,
     TopResidual,
-    boundary_leak,
     expected_error,
-    mtf_auc,
     top_residual,
 )
 from maskfab.designs.descent.objective import (
@@ -36,9 +32,6 @@ from maskfab.designs.descent.objective import (
 )
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate
 from maskfab.job.camera import Camera, Stop
-from maskfab.optics.lags import lag_table
-from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.pupil import cut, panel_aperture
 
 DOTS = 7
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
@@ -91,34 +84,18 @@ def test_invertibility_on_a_shared_stop_has_a_true_gradient(own_sum: bool) -> No
     slopes_agree(invertibility_of(small_stop(), own_sum=own_sum), unit_of(0))
 
 
-def test_auc_has_a_true_gradient() -> None:
-    slopes_agree(mtf_auc(small_stop()), unit_of(1))
-
-
-@pytest.mark.parametrize("change", [{}, {"beyond": "dark"}, {"level": 32}, {"share": 1.0}])
+@pytest.mark.parametrize("change", [{}, {"beyond": "dark"}, {"share": 1.0}])
 def test_residuals_have_a_true_gradient(change: dict[str, object]) -> None:
-    objective = small_residual(**change)
-    # Noise of a darker record is held constant in its slope, as the shots are not part of the design.
-    unit = unit_of(2)
-    if "level" in change:
-        leaf = unit.clone().requires_grad_()
-        (gradient,) = torch.autograd.grad(objective(leaf), leaf)
-        assert bool(torch.isfinite(gradient).all())
-        return
-    slopes_agree(objective, unit, within=1e-4)
+    slopes_agree(small_residual(**change), unit_of(2), within=1e-4)
 
 
 def test_expected_error_has_a_true_gradient(error: ExpectedError) -> None:
     slopes_agree(error, 0.2 + 0.3 * unit_of(4, 21), within=1e-4)
 
 
-def test_leak_has_a_true_gradient(known: Surrogate) -> None:
-    slopes_agree(boundary_leak(known, RANDOM24, precision="float64"), 0.2 + 0.3 * unit_of(5, 21), within=1e-4)
-
-
 def test_a_sum_is_the_sum_of_its_terms_and_transforms_once(monkeypatch: pytest.MonkeyPatch) -> None:
     stop = small_stop()
-    terms = ((2.0, invertibility_of(stop)), (-0.5, mtf_auc(stop)), (3.0, AreaPenalty(0.3, 7.0)))
+    terms = ((2.0, invertibility_of(stop)), (-0.5, invertibility_of(stop, own_sum=True)), (3.0, AreaPenalty(0.3, 7.0)))
     unit = unit_of(6)
     alone = sum(weight * float(term(unit)) for weight, term in terms)
     called: list[int] = []
@@ -147,33 +124,10 @@ def test_the_area_is_led_down_by_a_slope_or_by_stairs() -> None:
     assert float(stairs.at(0, 900)(torch.full((3, 3), 0.7))) == pytest.approx(10 * 0.3**2)
 
 
-def test_cold_auc_is_that_of_the_optics() -> None:
-    """The same rings and pixels, from the stop's own dots instead of the exact disc."""
-    rng = np.random.default_rng(1)
-    mask = rng.random((21, 21)) < 0.3
-    camera = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
-    objective = mtf_auc(tiled_stop(21, 8000, RANDOM24, camera, precision="float64"), temperature=1e-5)
-    unit = torch.from_numpy(mask.astype(np.float64))
-    panel = Panel(Opening("x", mask, 8000), 8000, 0, RANDOM24, Tiling.RANDOM, 0)
-    table = lag_table(cut(panel_aperture(panel, 2000.0), camera.stop), longest_lag_um(camera))
-    expected = area_under_radial_min(presampled_mtf(table, camera, 530.0))
-    assert objective.auc(unit) == (pytest.approx(expected, rel=0.01),)
-    assert -float(objective(unit)) == pytest.approx(objective.auc(unit)[0], abs=1e-4)
-
-
-def test_warm_auc_is_between_the_minimum_and_the_mean() -> None:
-    stop, unit = small_stop(), unit_of(7)
-    true = np.mean(mtf_auc(stop).auc(unit))
-    smoothed = [-float(mtf_auc(stop, temperature=t)(unit)) for t in (1e-4, 0.01, 0.1, 10.0)]
-    assert true < smoothed[0] < smoothed[1] < smoothed[2] < smoothed[3]
-    with pytest.raises(InputError):
-        mtf_auc(stop, temperature=0.0)
-
-
-def test_darkness_is_free_for_auc_and_published_loss_but_not_for_the_others(error: ExpectedError) -> None:
+def test_darkness_is_free_for_the_published_loss_but_not_for_the_others(error: ExpectedError) -> None:
     stop, unit = small_stop(), unit_of(9)
-    for blind in (mtf_auc(stop), invertibility_of(stop, own_sum=True)):
-        assert float(blind(0.5 * unit)) == pytest.approx(float(blind(unit)), rel=1e-9)
+    blind = invertibility_of(stop, own_sum=True)
+    assert float(blind(0.5 * unit)) == pytest.approx(float(blind(unit)), rel=1e-9)
     energy_true = invertibility_of(stop)
     assert float(energy_true(0.5 * unit)) > float(energy_true(unit)) + 0.01
     large = unit_of(9, 21)
@@ -241,21 +195,6 @@ def test_fewer_constants_cost_little(known: Surrogate, error: ExpectedError) -> 
     assert len(FEW_EPSILONS) == 8
 
 
-def test_the_interior_alone_misses_the_edge(known: Surrogate) -> None:
-    """Scattered dots have a wide halo that leaks; a compact opening of as many dots does not, so its picture is better.
-
-    The interior sees less of a difference than there is."""
-    scattered = torch.from_numpy(np.random.default_rng(3).permutation(441).reshape(21, 21) < 100).double()
-    compact = torch.zeros((21, 21), dtype=torch.float64)
-    compact[:10, :10] = 1
-    leak = boundary_leak(known, RANDOM24, precision="float64")
-    assert float(leak(scattered)) > float(leak(compact))
-    interior = expected_error(known, RANDOM24, with_leak=False, precision="float64")
-    whole = expected_error(known, RANDOM24, precision="float64")
-    assert float(whole(scattered)) > float(interior(scattered)) - 1.0
-    assert np.isfinite([float(interior(u)) for u in (scattered, compact)]).all()
-
-
 def test_a_half_turn_of_the_whole_panel_changes_no_table() -> None:
     stop, unit = small_stop(), unit_of(11)
     turned = replace(stop.correlation, index=stop.correlation.index.flip(0))
@@ -272,12 +211,10 @@ def test_batches_are_a_pass_over_all_crops_and_follow_from_the_step() -> None:
     assert objective.at(-1, 30).chosen == (0, 1, 2, 3, 4)
 
 
-def test_a_better_filter_or_more_light_leaves_less() -> None:
+def test_an_open_cell_leaves_less_than_half_of_its_dots() -> None:
     unit = (unit_of(12) < 0.5).double()
     bare = torch.ones_like(unit)
     assert float(small_residual()(bare)) < float(small_residual()(unit))
-    noisy = [float(small_residual(level=level)(unit)) for level in (24, 32, 40)]
-    assert noisy[0] > noisy[1] > noisy[2] > float(small_residual()(unit))
 
 
 def test_the_largest_tenth_is_above_the_mean() -> None:
@@ -286,7 +223,7 @@ def test_the_largest_tenth_is_above_the_mean() -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"side": 96}, {"margin": 0}, {"margin": 40}, {"nsr": 0.0}, {"share": 0.0}, {"batch": 4}, {"level": 33}]
+    "change", [{"side": 96}, {"margin": 0}, {"margin": 40}, {"nsr": 0.0}, {"share": 0.0}, {"batch": 4}]
 )
 def test_residual_refuses(change: dict[str, object]) -> None:
     with pytest.raises(InputError) as caught:
@@ -322,7 +259,4 @@ def test_one_line_or_many_and_a_stop_within_one_cell(wavelengths: tuple[float, .
     cells = CELLS[:1, :1] if diameter < 56 else CELLS
     camera = Camera(1000.0, Stop("circle", diameter), wavelengths, 2.0, 256.0)
     stop = tiled_stop(DOTS, 8000, cells, camera, precision="float64")
-    auc: MtfAuc = mtf_auc(stop)
-    for objective in (auc, invertibility_of(stop)):
-        slopes_agree(objective, unit_of(15))
-    assert len(auc.auc(unit_of(15))) == len(wavelengths)
+    slopes_agree(invertibility_of(stop), unit_of(15))

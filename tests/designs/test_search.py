@@ -14,21 +14,20 @@ from sweeps import sweep
 from maskfab.base.errors import MaskfabError
 from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Clock, silent
-from maskfab.camera.lens import lattice
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.maps.orientation_map import MapMode, design_map
 from maskfab.designs.model.expected_psnr import surrogate
-from maskfab.designs.model.limits import auc_bound, rings
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind
-from maskfab.designs.search import method as searching
-from maskfab.designs.search import mtf_exchange, scan
-from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, nearest
-from maskfab.designs.search.method import different, search, shortlisted
-from maskfab.designs.search.mtf_exchange import best_for_auc
+from maskfab.designs.search import scan
+from maskfab.designs.search import shortlist as quick_maps
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
+from maskfab.designs.search.method import search
+from maskfab.designs.search.question import Question
 from maskfab.designs.search.result import constraints_of
 from maskfab.designs.search.scan import Best, scanned
+from maskfab.designs.search.shortlist import different, shortlisted
 from maskfab.job.faults import parse_section
 from maskfab.job.sections import SearchSection
 from maskfab.mask import panels
@@ -51,7 +50,7 @@ def section(**changed: object) -> SearchSection:
 
 @pytest.mark.usefixtures("bound_closely")
 def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Photograph, ...]) -> None:
-    one, two = (search(section(anneal=20, seed=3), scenes, "maskfab design x.toml") for _ in range(2))
+    one, two = (search(Question(section(anneal=20, seed=3), scenes, "maskfab design x.toml")) for _ in range(2))
     assert one.opening.clear_dots == 9
     assert opening_text(one.opening) == opening_text(two.opening)
     assert one.head_room is not None
@@ -61,7 +60,7 @@ def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[P
 
 @pytest.mark.usefixtures("bound_closely")
 def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(rules=RULES), scenes, "maskfab design x.toml")
+    found = search(Question(section(rules=RULES), scenes, "maskfab design x.toml"))
     facts = parse_opening(opening_text(found.opening)).provenance
     assert facts["command"] == "maskfab design x.toml"
     assert facts["shape"] == found.shape
@@ -77,8 +76,8 @@ def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Photo
 
 
 def test_rules_are_kept_and_priced(scenes: tuple[Photograph, ...]) -> None:
-    free = search(section(), scenes, "x")
-    ruled = search(section(rules=RULES), scenes, "x")
+    free = search(Question(section(), scenes, "x"))
+    ruled = search(Question(section(rules=RULES), scenes, "x"))
     mask = ruled.opening.mask
     assert not mask[[0, -1]].any()
     assert not mask[:, [0, -1]].any()
@@ -89,7 +88,7 @@ def test_rules_are_kept_and_priced(scenes: tuple[Photograph, ...]) -> None:
 
 
 def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(map="equal_light", positions=2, shortlist=1), scenes, "x")
+    found = search(Question(section(map="equal_light", positions=2, shortlist=1), scenes, "x"))
     assert found.cells is not None
     assert found.cells.cells.shape == (12, 12)
     assert found.designed is not None
@@ -109,7 +108,7 @@ def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> No
 @pytest.mark.slow
 def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> None:
     wanted = {"pitch": "336 um", "map": "equal_light", "shortlist": 1, "rules": {"kissing": "neighbours"}}
-    alone, both = (search(section(**wanted, joint=rounds), scenes, "x") for rounds in (0, 1))
+    alone, both = (search(Question(section(**wanted, joint=rounds), scenes, "x")) for rounds in (0, 1))
     assert alone.designed is not None
     assert both.designed is not None
     assert np.mean(both.designed.psnr) >= np.mean(alone.designed.psnr) - 1e-9
@@ -117,7 +116,7 @@ def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> 
 
 
 def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(pitch="336 um", map="equal_light", density=0.35), scenes, "x", clock=Clock(1.0))
+    found = search(Question(section(pitch="336 um", map="equal_light", density=0.35), scenes, "x", clock=Clock(1.0)))
     assert found.outer is not None
     assert found.cells is not None
     assert found.outer.clear_dots < 9 < found.opening.clear_dots == 13
@@ -126,57 +125,9 @@ def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph
     assert 0 <= float(found.cells.provenance["emitter_share"]) <= 1
 
 
-@pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
-def test_auc_is_a_figure_of_merit_too(scenes: tuple[Photograph, ...], tiling: str) -> None:
-    periodic = tiling == "periodic"
-    wanted = section(dots=7, clear_dots=10, objective="auc", tiling=tiling, anneal=40)
-    one, two = (search(wanted, scenes, "x") for _ in range(2))
-    assert opening_text(one.opening) == opening_text(two.opening)
-    assert one.opening.clear_dots == 10
-    area = rings(7).of_unit(one.opening.mask, periodic=periodic)
-    compact_one = search(section(dots=7, clear_dots=10, tiling=tiling), scenes, "x")
-    assert rings(7).of_unit(compact_one.opening.mask, periodic=periodic) < area
-    assert area <= auc_bound(rings(7), 10, periodic=periodic) + 1e-9
-
-
-def test_auc_under_rules_keeps_them_and_says_how(scenes: tuple[Photograph, ...]) -> None:
-    wanted = section(objective="auc", anneal=20, rules=RULES)
-    found = search(wanted, scenes, "x")
-    assert constraints_of(wanted).allows(found.opening.mask)
-    assert any("nearest" in note for note in found.notes)
-
-
-def test_auc_under_rules_is_annealed_without_being_asked(
-    scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    free = best_for_auc(7, 10, steps=40)
-    monkeypatch.setattr(searching, "_AUC_EVALUATIONS", 150)
-    monkeypatch.setattr(mtf_exchange, "best_for_auc", lambda *_, **__: free)
-    wanted = section(dots=7, clear_dots=10, objective="auc", rules={"kissing": "cell", "rim_dots": 1})
-    found = search(wanted, scenes, "x")
-    rules = constraints_of(wanted)
-    assert rules.allows(found.opening.mask)
-    assert any("annealed for 150 evaluations" in note for note in found.notes)
-    start = nearest(free, rules)
-    assert rings(7).of_unit(found.opening.mask) > rings(7).of_unit(start)
-
-
-@pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
-def test_auc_of_other_pitches(scenes: tuple[Photograph, ...], tiling: str) -> None:
-    wanted = section(dots=5, pitch="90 um", clear_dots=7, objective="auc", tiling=tiling, anneal=30)
-    found = search(wanted, scenes, "x")
-    around = rings(5, room=lattice(5, 18_000))
-    area = around.of_unit(found.opening.mask, periodic=tiling == "periodic")
-    assert found.shape == f"auc {area:.4f}"
-    assert area <= auc_bound(around, 7, periodic=tiling == "periodic") + 1e-9
-    column = np.zeros((5, 5), dtype=np.bool_)
-    column.T.flat[:7] = True
-    assert area > around.of_unit(column, periodic=tiling == "periodic")
-
-
 def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
-    found = search(wanted, scenes, "x", clock=Clock(1e-3))
+    found = search(Question(wanted, scenes, "x", clock=Clock(1e-3)))
     assert found.cells is not None
     assert found.cells.cells.shape == (12, 12)
     assert found.designed is not None
@@ -186,7 +137,9 @@ def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
 def test_what_a_budget_leaves_to_be_done_is_no_longer_than_the_budget(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
     # Of the processor, so that no other work on the machine counts.
-    short, long = (search(wanted, scenes, "x", clock=Clock(budget, now=time.process_time)) for budget in (1e-3, 60.0))
+    short, long = (
+        search(Question(wanted, scenes, "x", clock=Clock(budget, now=time.process_time))) for budget in (1e-3, 60.0)
+    )
     assert short.designed is not None
     assert long.designed is not None
     assert short.designed.fields <= 16 < long.designed.fields
@@ -234,7 +187,7 @@ def test_a_halt_reaches_the_quick_map_that_is_being_made() -> None:
         seen.append(clock.over)
 
     with SerialExecutor() as executor:
-        assert executor.run_alike([Call(searching._in_time, lambda: (made, asked))] * 2) == [None, None]
+        assert executor.run_alike([Call(quick_maps._in_time, lambda: (made, asked))] * 2) == [None, None]
     assert seen == [True]
 
 
@@ -256,14 +209,14 @@ def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rule
 
 def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
     asked = asked_display(circuit_um2=24_000.0, min_width_nm=112_000)
-    found = search(section(), scenes, "x", display=asked)
+    found = search(Question(section(), scenes, "x", display=asked))
     assert constraints_of(section(), display=asked).allows(found.opening.mask)
     with pytest.raises(MaskfabError, match=r"MF123.*circuits"):
-        search(section(), scenes, "x", display=asked_display(circuit_um2=32_000.0, min_width_nm=112_000))
+        search(Question(section(), scenes, "x", display=asked_display(circuit_um2=32_000.0, min_width_nm=112_000)))
 
 
 def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", clock=Clock(0.05))
+    found = search(Question(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", clock=Clock(0.05)))
     scan, annealing, bounds = found.notes
     assert "shapes had been judged" in scan
     assert "of 10000 evaluations" in annealing
@@ -274,7 +227,9 @@ def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograp
 
 
 def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
-    plain, bounded = (search(section(anneal=20), scenes, "x", clock=Clock(budget)) for budget in (None, 600.0))
+    plain, bounded = (
+        search(Question(section(anneal=20), scenes, "x", clock=Clock(budget))) for budget in (None, 600.0)
+    )
     assert opening_text(plain.opening) == opening_text(bounded.opening)
     assert bounded.notes == ()
 
@@ -284,7 +239,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
 ) -> None:
     monkeypatch.setattr(scan, "SAVED_EVERY", 64)
     wanted, path = section(anneal=160, seed=5), tmp_path / "state.npz"
-    whole = search(wanted, scenes, "x")
+    whole = search(Question(wanted, scenes, "x"))
     done: list[int] = []
 
     def cut(stage: str, step: int, total: int) -> None:
@@ -294,23 +249,23 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search(wanted, scenes, "x", cut, checkpoint=path)
+        search(Question(wanted, scenes, "x", cut, checkpoint=path))
     steps: list[tuple[str, int]] = []
-    resumed = search(wanted, scenes, "x", lambda stage, step, _: steps.append((stage, step)), checkpoint=path)
+    resumed = search(Question(wanted, scenes, "x", lambda stage, step, _: steps.append((stage, step)), checkpoint=path))
     assert not any(stage.startswith("scan") for stage, _ in steps)
     assert min(step for stage, step in steps if stage.startswith("anneal")) > 64
     assert opening_text(resumed.opening) == opening_text(whole.opening)
-    finished = search(wanted, scenes, "x", checkpoint=path)
+    finished = search(Question(wanted, scenes, "x", checkpoint=path))
     assert opening_text(finished.opening) == opening_text(whole.opening)
     with pytest.raises(MaskfabError, match="MF304"):
-        search(section(anneal=161, seed=5), scenes, "x", checkpoint=path)
+        search(Question(section(anneal=161, seed=5), scenes, "x", checkpoint=path))
 
 
 @pytest.mark.parametrize(
     ("dots", "pitch", "clear_dots"), sweep([(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)], 3)
 )
 def test_any_pitch_and_number_of_dots(scenes: tuple[Photograph, ...], dots: int, pitch: str, clear_dots: int) -> None:
-    found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", clock=Clock(1.0))
+    found = search(Question(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", clock=Clock(1.0)))
     assert found.opening.clear_dots == clear_dots
     assert np.isfinite(found.psnr).all()
 
@@ -325,7 +280,7 @@ def test_what_cannot_be_is_refused(scenes: tuple[Photograph, ...]) -> None:
         ({"rules": {"centroid_px": 0.1}}, r"MF105.*design\.rules\.centroid_px"),
     ):
         with pytest.raises(MaskfabError, match=code):
-            search(section(**changed), scenes, "x")
+            search(Question(section(**changed), scenes, "x"))
     grey = Photograph("grey", 1, np.full((3, 1024, 1536), 0.5, dtype=np.float32))
     with pytest.raises(MaskfabError, match="MF121"):
-        search(section(), (grey,), "x")
+        search(Question(section(), (grey,), "x"))

@@ -61,7 +61,7 @@ STRICT = ConfigDict(strict=True)
         ("camera.stop.diameter", {"diameter"}),
         ("[process]", {"corner_radius", "cd_bias"}),
         ("design.anneal", {"anneal"}),
-        ("design.objective", {"objective"}),
+        ("design.protocol", {"protocol"}),
     ],
 )
 def test_a_path_finds_a_key_or_the_keys_of_a_table(path, names):

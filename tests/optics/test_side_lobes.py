@@ -12,11 +12,11 @@ from scipy.special import j1
 
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Psf
+from maskfab.bench.hard_cases import clear_region
 from maskfab.job.camera import Camera
 from maskfab.optics.exact_psf import ExactPsf, sampled_field
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.field.polygons import boundary
-from maskfab.optics.hard_cases import clear_region
 from maskfab.optics.psf import Leak, point_psf
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.side_lobes import SideLobes, first_side_lobe, peak_to_side_lobe

@@ -335,7 +335,6 @@ def test_ctrl_c_keeps_the_best_so_far_and_photographs_it(tmp_path):
     [
         ([('[emitters]\nrequired = 0.08\ncolour_gap = "8 um"\nmin_width = "8 um"\ncircuit = "100 um^2"\n', ""),
           ("[wires]\nlines = 2\n", "")], "MF105", "[emitters]"),
-        ([("fit = true\n", 'fit = true\nobjective = "auc"\n'), ('families = ["bars"]\n', "")], "MF105", "photographs"),
         ([('[plate]\ntemplate = "5in"\ndie_size = "1760 um"\ndie_pitch = "22 mm"\ncolumns = 2\n', "")], "MF105",
          "[plate]"),
         ([("white = 1600", "white = 1e9")], "MF141", "full well"),

@@ -1,14 +1,4 @@
-"""Losses of a descent that look at more than the autocorrelation's weakest lags: AUC, expected error, real pictures.
-
-**The area under the radial minimum of the MTF**, the figure of merit of the literature, smoothed so that it has slopes:
-
-    loss = -(1 / 147) Σ_r softmin_τ { MTF(ν) : ν on ring r },     softmin_τ(m) = -τ log mean exp(-m / τ),
-
-over rings one sample wide from 0 to half a cycle per pixel, averaged over the wavelengths (Yang & Sankaranarayanan
-2021, figure 7). τ -> 0 is the minimum itself, which hands all of a ring's slope to one frequency. Good for comparing
-with published curves, not for pictures: openings that are best in AUC restore photographs up to 6 dB worse, since half
-a ring may be ruined for the sake of its lowest point. The modulation is divided by the design's own light: a darker
-opening is not worse.
+"""Losses of a descent that look at more than the autocorrelation's weakest lags: expected error, real pictures.
 
 **The error that protocol F1 is expected to leave in a photograph**, of this very layout. At a level, with H the
 transfer, G = H / (H² + ε (f / 0.1)²) and P the scenes' mean spectrum,
@@ -36,8 +26,7 @@ Yang & Sankaranarayanan 2021, L_data ("top-10 L2"; Shrivastava et al., CVPR 2016
 parts are easy, so that the mean over everything would be theirs. Good for what is to be photographed; it costs twenty
 times as much as a loss of the OTF alone. As published, light from outside the sensor does not exist
 (``beyond="dark"``), no noise is added, and what is left is the error of the picture's edge, far above anything a design
-changes within. With ``beyond="scene"`` the crop's surroundings are blurred in, and the record is mirrored; with a
-``level`` shot and read noise are added for the light that the unit lets through.
+changes within. With ``beyond="scene"`` the crop's surroundings are blurred in, and the record is mirrored.
 """
 
 from __future__ import annotations
@@ -50,7 +39,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from maskfab.base.arrays import Floats, Labels
+from maskfab.base.arrays import Labels
 from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.protocol import EPSILONS
@@ -68,79 +57,15 @@ from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_error import wiener_tensor
 from maskfab.designs.model.statistics import LEAST_CONTRAST
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera
-from maskfab.optics.mtf import RINGS
-
-
-@dataclass(frozen=True, eq=False)
-class MtfAuc(Objective):
-    """The smoothed AUC, negative.
-
-    Attributes:
-        points: per wavelength, the transfer at the points of all rings, ring by ring, filled up to equal length.
-        filled: bool [rings, longest], places that are no point.
-        count: [rings], points of each.
-        temperature: τ, in units of modulation.
-    """
-
-    correlation: Autocorrelation
-    points: tuple[Transfer, ...]
-    filled: torch.Tensor
-    count: torch.Tensor
-    temperature: float
-
-    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
-        """Minus the smoothed AUC, between -1 and 0."""
-        areas = []
-        for points in self.points:
-            modulation = points(table).abs().view(self.filled.shape)
-            cold = (-modulation / self.temperature).masked_fill(self.filled, -torch.inf)
-            lowest = -self.temperature * (torch.logsumexp(cold, dim=1) - self.count.log())
-            areas.append(lowest.mean())
-        return -torch.stack(areas).mean()
-
-    def auc(self, unit: torch.Tensor) -> tuple[float, ...]:
-        """The AUC itself at every wavelength: true minima."""
-        with torch.no_grad():
-            table = self.correlation(unit)
-            moduli = (points(table).abs().view(self.filled.shape) for points in self.points)
-            return tuple(float(modulus.masked_fill(self.filled, torch.inf).amin(1).mean()) for modulus in moduli)
-
-
-def mtf_auc(stop: TiledStop, temperature: float = 0.01) -> MtfAuc:
-    """The AUC of units in a stop. Raises JobError MF104 for a temperature that is not above 0."""
-    if not temperature > 0:
-        what = f"temperature = {temperature:g} is not above 0"
-        raise JobError("MF104", what, where="design.temperature", cure="Use 0.01")
-    axis = np.arange(-RINGS + 1, RINGS)
-    across, up = np.meshgrid(axis, axis[RINGS - 1 :])
-    ring = np.rint(np.hypot(across, up)).astype(np.int64)
-    inside = (ring < RINGS) & ((up > 0) | (across >= 0))
-    across, up, ring = across[inside], up[inside], ring[inside]
-    count = np.bincount(ring, minlength=RINGS)
-    order = np.argsort(ring, kind="stable")
-    first = np.cumsum(count) - count
-    place = np.arange(count.max())
-    filled = place[None, :] >= count[:, None]
-    picked = order[np.where(filled, first[:, None], first[:, None] + place[None, :])].ravel()
-    step = 0.5 / (RINGS - 1)
-    points = tuple(
-        stop.at_points(nm, step * up[picked].astype(np.float64), step * across[picked].astype(np.float64))
-        for nm in stop.camera.wavelengths_nm
-    )
-    return MtfAuc(stop.correlation, points, stop.here(filled), stop.here(count.astype(np.float64)), temperature)
-
 
 FEW_EPSILONS = EPSILONS[::2]
 
 
 @dataclass(frozen=True, eq=False)
-class BoundaryLeak(Objective):
-    """Squared error of low-passed scenes, halo across the sensor's edge included; the least over ε.
-
-    Good for nothing alone but knowing what the edge costs: it sees frequencies up to 1/16 cycle per pixel only.
+class BoundaryLeak:
+    """Squared error of low-passed scenes, halo across the sensor's edge included, up to 1/16 cycle per pixel.
 
     Attributes:
-        correlation: of the pupil.
         along: matrices from the lags -k to k to the low frequencies of y and x, the pixel's sinc in them.
         lags: flat table indices of these lags' upper half, [k + 1, 2 k + 1].
         spectra: complex [scenes, rows, columns / 2 + 1], the low-passed scenes.
@@ -150,7 +75,6 @@ class BoundaryLeak(Objective):
         width: samples between the scene's edge and the sensor's.
     """
 
-    correlation: Autocorrelation
     along: tuple[torch.Tensor, torch.Tensor]
     lags: torch.Tensor
     spectra: torch.Tensor
@@ -178,10 +102,6 @@ class BoundaryLeak(Objective):
             errors.append(((restored[:, w:-w, w:-w] - self.truth) ** 2).mean())
         return torch.stack(errors)
 
-    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
-        """The least squared error, white is 1."""
-        return self.errors(table).min()
-
 
 @dataclass(frozen=True, eq=False)
 class ExpectedError(Objective):
@@ -195,7 +115,7 @@ class ExpectedError(Objective):
         epsilons: [k].
         levels: dB, keys of :data:`maskfab.camera.sensor.ELECTRONS`.
         light: mean of the scenes, white is 1.
-        leak: the boundary's part; None leaves the interior alone.
+        leak: the boundary's part.
     """
 
     correlation: Autocorrelation
@@ -209,7 +129,7 @@ class ExpectedError(Objective):
     epsilons: torch.Tensor
     levels: tuple[int, ...]
     light: float
-    leak: BoundaryLeak | None
+    leak: BoundaryLeak
 
     def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
         """Minus the expected PSNR in dB."""
@@ -222,8 +142,7 @@ class ExpectedError(Objective):
         squared = 1 / (transfer**2 + self.epsilons[:, None] * self.prior) ** 2
         noise = squared @ (self.weight * transfer**2)
         held_back = self.epsilons**2 * (squared @ (self.signal * self.prior**2))
-        if self.leak is not None:
-            held_back = held_back + self.leak.errors(table)
+        held_back = held_back + self.leak.errors(table)
         errors = []
         for level in self.levels:
             white = ELECTRONS[level] * share / REFERENCE_TRANSMISSION
@@ -237,7 +156,6 @@ def expected_error(
     *,
     levels: tuple[int, ...] = LEVELS,
     epsilons: tuple[float, ...] = FEW_EPSILONS,
-    with_leak: bool = True,
     precision: Precision = "float32",
     device: str = "cpu",
 ) -> ExpectedError:
@@ -247,7 +165,6 @@ def expected_error(
         estimate: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
         epsilons: constants of the filter to choose from.
-        with_leak: count the halo across the sensor's edge.
 
     Raises:
         JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
@@ -271,8 +188,6 @@ def expected_error(
     seen_lags = np.maximum(abs(y), abs(x)) <= reach
     nu = estimate.lags / stop.per_cycle(seen.middle_nm)
     constants = stop.here(np.asarray(epsilons, dtype=np.float64))
-    leak = _leak(estimate, stop, constants) if with_leak else None
-    # Low frequencies have no signal in the surrogate, where the leak stands for them; alone, the interior needs them.
     return ExpectedError(
         stop.correlation,
         stop,
@@ -281,22 +196,13 @@ def expected_error(
         stop.here(np.sinc(nu[0]) * np.sinc(nu[1]) * seen_lags),
         stop.here(estimate.folded),
         stop.here(estimate.weight),
-        stop.here(estimate.signal if with_leak else _signal_of_law(estimate)),
+        stop.here(estimate.signal),
         stop.here(estimate.inverse_prior),
         constants,
         levels,
         estimate.noise.shot,
-        leak,
+        _leak(estimate, stop, constants),
     )
-
-
-def boundary_leak(
-    estimate: Surrogate, orientations: Labels, *, precision: Precision = "float32", device: str = "cpu"
-) -> BoundaryLeak:
-    """The leak alone; arguments and errors as of :func:`expected_error`."""
-    leak = expected_error(estimate, orientations, precision=precision, device=device).leak
-    assert leak is not None
-    return leak
 
 
 def _leak(estimate: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
@@ -306,7 +212,6 @@ def _leak(estimate: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> Bound
     y, x = np.mgrid[0 : n + 1, -n : n + 1]
     complex_type = torch.complex64 if stop.dtype == torch.float32 else torch.complex128
     return BoundaryLeak(
-        stop.correlation,
         (stop.here(estimate.along[0][:, lags]), stop.here(estimate.along[1][:, lags].T)),
         stop.here(y * size + x % size),
         torch.from_numpy(estimate.low).to(stop.device, complex_type),
@@ -315,16 +220,6 @@ def _leak(estimate: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> Bound
         epsilons,
         (estimate.low.shape[1] - estimate.low_truth.shape[1]) // 2,
     )
-
-
-def _signal_of_law(estimate: Surrogate) -> Floats:
-    """The surrogate's signal with its power law carried on into the low frequencies, except frequency 0."""
-    distance = np.sqrt(estimate.inverse_prior)
-    there = estimate.signal > 0
-    density = np.log(estimate.signal[there] / estimate.weight[there])
-    slope, offset = np.polyfit(np.log(distance[there]), density, 1)
-    signal = estimate.weight * np.exp(offset + slope * np.log(np.maximum(distance, 1e-3)))
-    return np.where(distance > 1e-3, signal, 0.0)
 
 
 COLOURS = 3
@@ -338,25 +233,20 @@ class TopResidual(Objective):
         transfer: H on the crops' frequencies, margins included.
         crops: [pictures, 3, rows, columns] with margins; 0 to 1.
         spectra: their ``rfft2``.
-        noise: [2, pictures, 3, sensor rows, sensor columns], standard normal: of shots, of reading; None without noise.
         margin: samples round the sensor on every side.
         dark: nothing lies beyond the sensor.
         nsr: noise-to-signal ratio of the filter.
-        level: dB, key of :data:`maskfab.camera.sensor.ELECTRONS`; None is noiseless.
         share: of the residuals that counts, the largest.
         batch: pictures of a step; a pass over all of them in a new order follows the last.
     """
 
     correlation: Autocorrelation
-    stop: TiledStop
     transfer: Transfer
     crops: torch.Tensor
     spectra: torch.Tensor
-    noise: torch.Tensor | None
     margin: int
     dark: bool
     nsr: float
-    level: int | None
     share: float
     batch: int
     seed: int
@@ -380,15 +270,9 @@ class TopResidual(Objective):
         m, shape = self.margin, (self.crops.shape[2], self.crops.shape[3])
         transfer = self.transfer(table)
         response = wiener_tensor(transfer, self.nsr)
-        share = self.stop.share(table)
         losses = []
         for k in self.chosen:
             record = torch.fft.irfft2(self.spectra[k] * transfer, s=shape)[:, m:-m, m:-m]
-            if self.noise is not None and self.level is not None:
-                electrons = ELECTRONS[self.level] * share / REFERENCE_TRANSMISSION
-                shots, reading = self.noise[:, k]
-                deviation = torch.sqrt(record.detach().clamp_min(0) / electrons)
-                record = record + deviation * shots + F1_SENSOR.read_noise / electrons * reading
             around = (m, m, m, m)
             wide = torch.nn.functional.pad(record, around, mode="constant" if self.dark else "reflect")
             restored = torch.fft.irfft2(torch.fft.rfft2(wide) * response, s=shape)[:, m:-m, m:-m]
@@ -408,7 +292,6 @@ def top_residual(
     batch: int = 4,
     beyond: Literal["scene", "dark"] = "scene",
     nsr: float = 0.0037,
-    level: int | None = None,
     share: float = 0.1,
     seed: int = 0,
 ) -> TopResidual:
@@ -422,8 +305,7 @@ def top_residual(
         crops: how many, at random places, taken from the scenes in turn.
         beyond: what lies outside the sensor.
         nsr: noise-to-signal ratio of the filter, above 0: nothing restores a frequency that is nil.
-        level: dB of noise; None is none.
-        seed: of the places, the noise and the order.
+        seed: of the places and the order.
 
     Raises:
         JobError: MF105 without scenes or with other than three wavelengths; MF104 for numbers out of range, or
@@ -438,13 +320,13 @@ def top_residual(
     whole = side + 2 * margin
     smallest = min(min(scene.values.shape[1:]) for scene in scenes)
     fine = 0 < margin < side and whole <= smallest and 0 < nsr < math.inf and 0 < share <= 1 and crops >= batch >= 1
-    if not (fine and (level is None or level in ELECTRONS)):
+    if not fine:
         what = (
-            f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops, level {level}: a "
+            f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops: a "
             f"crop with margins may have {smallest} pixels, margins are smaller than the side, nsr is above 0, shares "
             "within 0 to 1"
         )
-        cure = "Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12, none"
+        cure = "Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12"
         raise JobError("MF104", what, where="design.top_residual", cure=cure)
     draw = np.random.default_rng((seed, 1))
     cut = []
@@ -467,15 +349,12 @@ def top_residual(
     crops_here = stop.here(pictures)
     return TopResidual(
         stop.correlation,
-        stop,
         stop.on_grid((whole, whole)),
         crops_here,
         torch.fft.rfft2(crops_here),
-        None if level is None else stop.here(draw.standard_normal((2, crops, COLOURS, side, side))),
         margin,
         beyond == "dark",
         nsr,
-        level,
         share,
         batch,
         seed,

@@ -22,7 +22,7 @@ from maskfab.base.model import Opening, Tiling
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.descent.losses import boundary_leak, expected_error, mtf_auc, top_residual
+from maskfab.designs.descent.losses import expected_error, top_residual
 from maskfab.designs.descent.objective import (
     AreaPenalty,
     Objective,
@@ -192,11 +192,6 @@ def schedule(
         iterations=section.iterations,
         seed=section.seed,
         starts=section.starts,
-        optimiser=section.optimiser,
-        rate=section.rate,
-        start_logit=section.start_logit,
-        start_noise=section.start_noise,
-        patience=section.patience,
     )
     name = " + ".join(name if weight == 1 else f"{weight:g} {name}" for name, weight in weights.items())
     penalty = AreaPenalty(target, area, descent.settled) if area > 0 else None
@@ -216,16 +211,9 @@ def _objectives(
     laid = orientations(section.tiling, cells, cells, seed, where=where)
     target = section.clear_dots / section.dots**2
     return {
-        "invertibility": lambda: invertibility_of(
-            stop,
-            target,
-            epsilon=section.epsilon,
-            worst_fraction=section.worst_fraction,
-        ),
+        "invertibility": lambda: invertibility_of(stop, target),
         "top_residual": lambda: top_residual(stop, scenes, seed=section.seed),
         "expected_error": lambda: expected_error(estimate, laid),
-        "boundary_leak": lambda: boundary_leak(estimate, laid),
-        "mtf_auc": lambda: mtf_auc(stop),
     }
 
 

@@ -93,7 +93,6 @@ class Outcome(StrEnum):
     """Reason for which a run ended."""
 
     FINISHED = "All steps were done."
-    PLATEAU = "Stopped early: no candidate was better for as many judgements as patience allows."
     NOT_FINITE = "Stopped early: the loss or its gradient was not finite; the best before that is kept. Lower the rate."
     INTERRUPTED = "Stopped where it was told to; resume it from its checkpoint."
 
@@ -106,14 +105,11 @@ class Descent:
         dots: along the unit's side.
         seed: of the first start; the k-th takes seed + k.
         starts: how many; the best result counts.
-        optimiser: Adam (Kingma & Ba 2015), or plain gradient descent with momentum.
-        rate: learning rate, on logits.
-        momentum: Adam's β1, or that of gradient descent.
+        rate: learning rate of Adam (Kingma & Ba 2015), on logits.
+        momentum: its β1.
         start_logit: mean of the start; +1 is 0.73 open.
         settled: share of the steps after which the gain begins to grow.
-        straight_through: the objective sees the binary unit, the gradient goes to the relaxed one.
         judged_every: steps between judgements of the binary unit; 0 takes the last one as it is.
-        patience: judgements without a better one that end a start; 0 is no end.
         precision: of the logits; the objective's constants have their own.
         begin: whether each dot is clear at the start, row by row: its logit is the mean one or minus that; None for
             the mean everywhere.
@@ -124,16 +120,13 @@ class Descent:
     iterations: int
     seed: int = 0
     starts: int = 1
-    optimiser: Literal["adam", "sgd"] = "adam"
     rate: float = 0.2
     momentum: float = 0.9
     start_logit: float = 1.0
     start_noise: float = 0.5
     final_gain: float = 10.0
     settled: float = 0.4
-    straight_through: bool = False
     judged_every: int = 10
-    patience: int = 0
     precision: Precision = "float32"
     begin: tuple[bool, ...] | None = None
 
@@ -289,14 +282,9 @@ class _Run:
         even = 1.0 if how.begin is None else np.where(np.reshape(how.begin, noise.shape), 1.0, -1.0)
         values = how.start_logit * even + how.start_noise * noise
         self.logits = torch.tensor(values, dtype=self.dtype, device=self.device, requires_grad=True)
-        self.optimiser: torch.optim.Optimizer
-        if how.optimiser == "adam":
-            self.optimiser = torch.optim.Adam([self.logits], lr=how.rate, betas=(how.momentum, 0.999))
-        else:
-            self.optimiser = torch.optim.SGD([self.logits], lr=how.rate, momentum=how.momentum)
+        self.optimiser = torch.optim.Adam([self.logits], lr=how.rate, betas=(how.momentum, 0.999))
         self.iteration = 0
         self.ended = False
-        self.stale = 0
         self.best, self.best_loss = binarised(self.logits.detach(), how.clear_dots), math.inf
 
     def step(self) -> RelaxStep | None:
@@ -304,12 +292,7 @@ class _Run:
         how, iteration = self.how, self.iteration
         gain = how.gain(iteration)
         transmission = torch.sigmoid(gain * self.logits)
-        if how.straight_through:
-            hard = binarised(transmission.detach(), how.clear_dots)
-            seen = hard + transmission - transmission.detach()
-        else:
-            seen = transmission
-        value, area = self.objective.at(iteration, how.iterations)(seen), transmission.mean()
+        value, area = self.objective.at(iteration, how.iterations)(transmission), transmission.mean()
         total = value
         if self.penalty is not None:
             total = value + self.penalty.at(iteration, how.iterations)(transmission)
@@ -341,11 +324,7 @@ class _Run:
             self._not_finite(loss)
             return
         if loss < self.best_loss or (last and not self.how.judged_every):
-            self.best, self.best_loss, self.stale = candidate, loss, 0
-            return
-        self.stale += 1
-        if self.how.patience and self.stale >= self.how.patience and not last:
-            self.ended, self.outcome = True, Outcome.PLATEAU
+            self.best, self.best_loss = candidate, loss
 
     def _look_at_start(self, transmission: torch.Tensor, slope: torch.Tensor) -> None:
         self._look_for_flat(transmission)
@@ -357,7 +336,7 @@ class _Run:
             spread = float(slope.max() - slope.min()) / largest
             self.notes.append(
                 f"Start {self.start} is even, {float(transmission.mean()):.3g} open, which is a saddle: the slopes of "
-                f"its dots differ by {spread:.1e} of their size. Set start_noise to 0.5."
+                f"its dots differ by {spread:.1e} of their size."
             )
 
     def _look_for_flat(self, transmission: torch.Tensor, least: float = 0.0) -> None:
@@ -413,7 +392,7 @@ class _Run:
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         overall = self.best if self.overall is None else self.overall
-        numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
+        numbers = np.array([self.start, self.iteration, self.total, self.ended, self.overall is not None])
         moments = self.optimiser.state_dict()["state"].get(0, {})
         return {
             "numbers": numbers.astype(np.int64),
@@ -427,10 +406,10 @@ class _Run:
         }
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
-        start, iteration, total, stale, ended, has_overall = (int(v) for v in state["numbers"])
+        start, iteration, total, ended, has_overall = (int(v) for v in state["numbers"])
         self.start = start
         self._begin()
-        self.iteration, self.total, self.stale, self.ended = iteration, total, stale, bool(ended)
+        self.iteration, self.total, self.ended = iteration, total, bool(ended)
         self.best_loss, self.overall_loss = (float(v) for v in state["losses"])
         with torch.no_grad():
             self.logits.copy_(torch.from_numpy(state["logits"]))

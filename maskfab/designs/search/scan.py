@@ -94,7 +94,7 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         OpeningError: MF204 for a count that no family can have.
     """
     symmetry: Symmetry | None = rules["symmetry"]
-    if section.objective != "restored" or symmetry is None:
+    if symmetry is None:
         return
     shapes = _shapes(section)
     units, named = np.stack([shape.unit for shape in shapes]), ", ".join(section.families)
