@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from maskfab.base.errors import MaskfabError as MaskfabError
     from maskfab.mask.job import load_job as load_job
     from maskfab.mask.panels import read_map as read_map
-    from maskfab.report.rows.text import Quantities as Quantities
+    from maskfab.report.text import Quantities as Quantities
 
 
 # The one list of public names: type checkers read it as imports, and everything below reads its text.

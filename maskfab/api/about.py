@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
     from maskfab.optics.benchmark import Timing
     from maskfab.optics.hard_cases import CaseResult
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
     from maskfab.runs.store import Entry
 
 
@@ -221,7 +221,7 @@ def doctor(*, progress: Progress = silent) -> Examination:
         progress: told where the work stands.
     """
     from maskfab.api.self_test import clear_stop, trials_of, tried
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
 
     begun = time.perf_counter()
     checks = [clear_stop()]

@@ -286,7 +286,7 @@ def way_round(asked: str | None, job: Job) -> int:
         JobError: MF105 for a name that none has.
     """
     from maskfab.camera.blur import STANDS, stand_named
-    from maskfab.report.rows.optics import sees_mirrored
+    from maskfab.findings.optics import sees_mirrored
 
     if asked is None:
         return STANDS["mirrored" if sees_mirrored(job) else "drawn"]

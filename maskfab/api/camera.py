@@ -330,9 +330,9 @@ class Psf(model.Psf):
         """The samples as a table: a row for each ``y_um``, a column for each ``x_um``, per square micrometre.
 
         Raises:
-            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
+            OutputError: as :func:`maskfab.report.text.dataframe`, without pandas.
         """
-        from maskfab.report.rows.text import dataframe
+        from maskfab.report.text import dataframe
 
         table = dataframe(dict(zip(self.x_um.tolist(), self.values.T, strict=True)))
         table.index = self.y_um.tolist()
@@ -400,9 +400,9 @@ class Mtf(model.Mtf):
         """The curves as a table: a row for each frequency, ``frequency_cy_per_mm`` and every cut, ``wavelength_nm``.
 
         Raises:
-            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
+            OutputError: as :func:`maskfab.report.text.dataframe`, without pandas.
         """
-        from maskfab.report.rows.text import dataframe
+        from maskfab.report.text import dataframe
 
         curves = {"frequency_cy_per_mm": self.frequency_cy_per_mm, **self.cuts}
         return dataframe({**curves, "wavelength_nm": np.full(len(self.frequency_cy_per_mm), self.wavelength_nm)})

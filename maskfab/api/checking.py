@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from maskfab.display.placement import LargestGap
     from maskfab.optics.scene.model_bar import Omission
     from maskfab.optics.scene.plan import Plan
-    from maskfab.report.rows.text import Quantities
-    from maskfab.report.rows.verdicts import Verdicts
+    from maskfab.report.text import Quantities
+    from maskfab.report.verdicts import Verdicts
 
 
 # Each question imports what answers it: a scene is planned in less time than all of it takes to load.
@@ -84,7 +84,7 @@ class DisplayCheck(Result):
     @property
     def verdicts(self) -> Verdicts:
         """Verdicts on the displays."""
-        from maskfab.report.rows.verdicts import Verdicts
+        from maskfab.report.verdicts import Verdicts
 
         return Verdicts.of((), self.built.displays, len(self.built.plate.dies), self.reference)
 
@@ -138,7 +138,7 @@ class Rendering(Result):
     unused: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         return Quantities(self.panels[die].quantities)
 
@@ -170,13 +170,13 @@ class Rendering(Result):
         return comparison(list(self.panels.values()))
 
     def __str__(self) -> str:
-        from maskfab.report.rows.text import table_lines
+        from maskfab.report.text import table_lines
 
         lines = [line for name, panel in self.panels.items() for line in (name, *table_lines(panel.quantities))]
         return "\n".join([*lines, *in_words(self.unused)])
 
     def _repr_html_(self) -> str:
-        from maskfab.report.rows.text import html_table
+        from maskfab.report.text import html_table
 
         tables = (f"<h4>{name}</h4>{html_table(panel.quantities)}" for name, panel in self.panels.items())
         return "".join([self._shown(), *tables])

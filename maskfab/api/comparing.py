@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from maskfab.report.documents.report import FinishedReport
     from maskfab.report.figures.sheet import Drawing
     from maskfab.report.pages.compared import Compared
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
     from maskfab.runs.as_designed import AsDesigned
 
 PAGE = "compare.html"
@@ -47,7 +47,7 @@ class Comparison(Result):
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         if die not in self.optics:
             cure = f"Use one of {', '.join(self.optics)}" if self.optics else "Ask the run: run[die]"
@@ -87,7 +87,7 @@ class Comparison(Result):
             JobError: MF152 without pandas.
         """
         from maskfab.report.pages.compared import compare_records
-        from maskfab.report.rows.text import dataframe
+        from maskfab.report.text import dataframe
 
         table = dataframe(compare_records(self.compared))
         return table.set_index("die")

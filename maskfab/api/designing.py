@@ -58,7 +58,7 @@ from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
 from maskfab.report.pages.design import Made, designed_document, write_design
-from maskfab.report.rows.text import designed_lines
+from maskfab.report.text import designed_lines
 from maskfab.runs.store import of_installation
 
 if TYPE_CHECKING:

@@ -37,6 +37,7 @@ from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.measurement import Measured, light_of, measured, seen_light
 from maskfab.camera.inspection.verdict import Answer, Promise, Verdict
 from maskfab.camera.sensor import counted
+from maskfab.findings.optics import sees_mirrored
 from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
@@ -51,8 +52,7 @@ from maskfab.report.pages.measured import (
     write_capture,
     write_measured,
 )
-from maskfab.report.rows.optics import sees_mirrored
-from maskfab.report.rows.text import Quantities
+from maskfab.report.text import Quantities
 
 if TYPE_CHECKING:
     from maskfab.report.figures.sheet import Drawing

@@ -31,9 +31,7 @@ from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Score, ScoreTable, Shot, truth_of
-from maskfab.job.reference import USES, in_words, unused
-from maskfab.mask.job import Job
-from maskfab.report.rows.photographs import (
+from maskfab.findings.photographs import (
     LEARNED,
     Conditions,
     Light,
@@ -44,6 +42,8 @@ from maskfab.report.rows.photographs import (
     trade_of,
     uses_of,
 )
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.job import Job
 
 if TYPE_CHECKING:
     from maskfab.camera.learning import Checkpoint
@@ -279,7 +279,7 @@ def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, b
 def _restorers(
     asked: Conditions, names: str | Sequence[str] | None, *, learned: bool
 ) -> tuple[tuple[Restorer, ...], bool]:
-    """Those that are named but learned ones, as :meth:`maskfab.report.rows.photographs.Conditions.restorers`.
+    """Those that are named but learned ones, as :meth:`maskfab.findings.photographs.Conditions.restorers`.
 
     Raises:
         JobError: MF105 for a learned one that nothing holds, or as there.

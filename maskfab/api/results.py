@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from maskfab.base.model import Quantity
     from maskfab.report.figures.sheet import Drawing
-    from maskfab.report.rows.text import Quantities
-    from maskfab.report.rows.verdicts import Verdicts
+    from maskfab.report.text import Quantities
+    from maskfab.report.verdicts import Verdicts
 
 
 Hint = TypeVar("Hint")
@@ -41,7 +41,7 @@ class Result:
     @property
     def numbers(self) -> Quantities:
         """Every reported number."""
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         return Quantities(())
 
@@ -59,7 +59,7 @@ class Result:
         Raises:
             JobError: MF152 without pandas.
         """
-        from maskfab.report.rows.text import dataframe
+        from maskfab.report.text import dataframe
 
         return dataframe([dict(row) for row in self.rows()])
 
@@ -216,7 +216,7 @@ def saved_at(asked: Asked) -> Told:
 
 def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
     """Every failed check, every note, which has no verdict, and the five verdicts."""
-    from maskfab.report.rows.text import note_lines, place_text
+    from maskfab.report.text import note_lines, place_text
 
     lines = []
     for check in checks:

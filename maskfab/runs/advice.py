@@ -38,6 +38,16 @@ from maskfab.designs.search.scan import scanned
 from maskfab.display.drive import lives
 from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.display.limits import DEFAULT_LIFE
+from maskfab.findings import photographs
+from maskfab.findings.optics import plate_as_seen
+from maskfab.findings.photographs import (
+    Conditions,
+    Photographs,
+    Restored,
+    Surroundings,
+    middle_level,
+    photograph_die,
+)
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.reference import USES, in_words, unused
@@ -49,16 +59,6 @@ from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
 from maskfab.mask.panels import map_text
 from maskfab.report.pages.advice import Advised, Reach, laid_db
-from maskfab.report.rows import photographs
-from maskfab.report.rows.optics import plate_as_seen
-from maskfab.report.rows.photographs import (
-    Conditions,
-    Photographs,
-    Restored,
-    Surroundings,
-    middle_level,
-    photograph_die,
-)
 from maskfab.runs.stages import PendingPhotographs
 
 _TASKS = 3

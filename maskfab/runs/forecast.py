@@ -22,13 +22,13 @@ from maskfab.base.work import silent
 from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
 from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.solid import mesh_vertices
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
 from maskfab.report.documents.die import measured_beside
 from maskfab.report.pages.front import shown_count
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.runs import pipeline
 from maskfab.runs.plate_files import draw_files
 from maskfab.runs.recall import kind_of, origin_of

@@ -16,13 +16,13 @@ from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.display.feasibility import displays, plate_of
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
+from maskfab.findings.photographs import Conditions
 from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.job import Job, load_job
 from maskfab.report.documents.die import Beside, measured_beside
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
-from maskfab.report.rows.photographs import Conditions
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.agreement import check_agreement
 from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (

@@ -21,6 +21,10 @@ from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.findings.bands import (
+    ProcessSpread,
+    check_spread,
+)
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
@@ -43,10 +47,6 @@ from maskfab.mask.rule import RuleResult
 from maskfab.mask.writer import check_bias, check_process
 from maskfab.report.documents.die import DOCUMENT as MEASURED
 from maskfab.report.documents.die import Beside
-from maskfab.report.rows.bands import (
-    ProcessSpread,
-    check_spread,
-)
 
 MANIFEST_VERSION = 1
 MAX_MARKERS = 1000

@@ -15,6 +15,12 @@ from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenF
 from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Progress, silent
 from maskfab.display.feasibility import PlateWithDisplays, display_rules
+from maskfab.findings.as_written import Written, measure_written
+from maskfab.findings.bands import Expansion, restored_bands
+from maskfab.findings.display import display_quantities, footprint_band
+from maskfab.findings.optics import measure_with_bar, view_rows
+from maskfab.findings.photographs import Photographs, Surroundings, photograph_die
+from maskfab.findings.scene import SceneOptics
 from maskfab.job.reference import USES, unused
 from maskfab.mask.job import Job
 from maskfab.mask.plate_rules import judged, smallest_features
@@ -22,7 +28,6 @@ from maskfab.optics.mtf import area_under_radial_min, worst_directions
 from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
 from maskfab.report.documents.die import Beside
-from maskfab.report.documents.display import display_quantities, footprint_band
 from maskfab.report.documents.numbers import numbers_text
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
@@ -33,13 +38,8 @@ from maskfab.report.pages import front
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 from maskfab.report.pages.viewer import MOST_BYTES, mask_file, shown_plate, viewer_page
-from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import Expansion, restored_bands
-from maskfab.report.rows.optics import measure_with_bar, view_rows
-from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
-from maskfab.report.rows.scene import SceneOptics
-from maskfab.report.rows.text import Quantities, note_lines
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.text import Quantities, note_lines
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.plate_files import named_shop, process_spread
 
 if TYPE_CHECKING:

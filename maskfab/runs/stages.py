@@ -14,6 +14,11 @@ from maskfab.base.model import Die, DieOptics, Plate, Quantity
 from maskfab.base.processes import ArgumentsFactory, Call, Found, SerialExecutor, Task
 from maskfab.base.work import Progress
 from maskfab.base.workers import EVERY_CORE, Workers
+from maskfab.findings.as_written import Written, measure_written
+from maskfab.findings.bands import Expansion, band_quantities, restored_expansion
+from maskfab.findings.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
+from maskfab.findings.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
+from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.job import Job
@@ -21,11 +26,6 @@ from maskfab.mask.layout import clear_shapes
 from maskfab.mask.raster import light_box
 from maskfab.optics.scene.plan import Plan
 from maskfab.report.documents import die as die_data
-from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import Expansion, band_quantities, restored_expansion
-from maskfab.report.rows.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
-from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
-from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.plate_files import process_spread
 from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Store

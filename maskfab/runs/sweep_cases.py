@@ -26,6 +26,10 @@ from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, feasibility, map_sizes
 from maskfab.display.limits import judgement
+from maskfab.findings.as_written import measure_written, written_psf_quantities
+from maskfab.findings.display import display_quantities
+from maskfab.findings.photographs import Conditions, Photographs, Surroundings, photograph_die
+from maskfab.findings.scene import measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
 from maskfab.job.read import validate
@@ -35,10 +39,6 @@ from maskfab.optics import metrics
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.pupil import cut, panel_aperture
-from maskfab.report.documents.display import display_quantities
-from maskfab.report.rows.as_written import measure_written, written_psf_quantities
-from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
-from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.store import Record, keep, make_folder, of_installation
 from maskfab.runs.sweep_plan import Case, by_psf
 

@@ -41,6 +41,8 @@ from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, displays
+from maskfab.findings.foreign import Foreign, How, check_foreign, only_die
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import check_psf_file
@@ -63,9 +65,7 @@ from maskfab.report.pages import differences
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 from maskfab.report.pages.viewer import shown_run, viewer_page
-from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.pipeline import run
 from maskfab.runs.plate_files import auxiliary_files, check_packages, draw_files, psfs_as_files, shop_quantities
 from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
@@ -230,7 +230,7 @@ def verify_file(
     The plate that it is compared with is held against the job, too.
 
     Raises:
-        SourceError, JobError: as :func:`maskfab.report.rows.foreign.check_foreign`; MF322 beyond limits.
+        SourceError, JobError: as :func:`maskfab.findings.foreign.check_foreign`; MF322 beyond limits.
     """
     if job.spec.data_bias_nm:
         what = "files from elsewhere are held against designs as drawn, and this job has its data biased"

@@ -23,8 +23,8 @@ from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.front import Best, best, decision, stamps
 from maskfab.report.pages.limits import breaches, broken, limit_lines, told
 from maskfab.report.pages.page import html_page, judged_dies, key_rows
-from maskfab.report.rows.text import EXACT, short, table_lines
-from maskfab.report.rows.text import told as number_told
+from maskfab.report.text import EXACT, short, table_lines
+from maskfab.report.text import told as number_told
 from maskfab.runs.pipeline import run as run_job
 
 LAYOUTS = resource("layouts")

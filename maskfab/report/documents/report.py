@@ -25,6 +25,8 @@ from maskfab.base.model import Die, Plate, Quantity, Report, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.findings.bands import ProcessSpread
+from maskfab.findings.scene import PointView, SceneOptics
 from maskfab.job.camera import Camera, StopShape
 from maskfab.job.process import Process
 from maskfab.mask.formats.exr import stop_facts
@@ -45,10 +47,8 @@ from maskfab.report.documents.shape import (
     titled_schema,
     written,
 )
-from maskfab.report.rows.bands import ProcessSpread
-from maskfab.report.rows.scene import PointView, SceneOptics
-from maskfab.report.rows.text import quantity_document
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.text import quantity_document
+from maskfab.report.verdicts import Verdicts
 
 SCHEMA_VERSION = 6
 _READ = (5, SCHEMA_VERSION)

@@ -27,6 +27,7 @@ from maskfab.designs.rules.display_fit import misfit
 from maskfab.designs.search.result import Designed
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.findings.photographs import NOISE_DB, Photographs
 from maskfab.mask.job import Job
 from maskfab.mask.package.pack import Bid
 from maskfab.report.documents.display import display_document
@@ -35,8 +36,7 @@ from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages.limits import NOTHING
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.photographs import NOISE_DB, Photographs
-from maskfab.report.rows.text import USEFUL_DB, short
+from maskfab.report.text import USEFUL_DB, short
 
 SCHEMA_VERSION = 1
 DOCUMENT, PAGE = "advice.json", "advice.html"

@@ -29,7 +29,7 @@ from maskfab.optics.tiling import orientations
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import USEFUL_DB, by_level
+from maskfab.report.text import USEFUL_DB, by_level
 
 if TYPE_CHECKING:
     from maskfab.designs.model.limits import Gap

@@ -11,6 +11,7 @@ from maskfab.base.errors import CATALOGUE
 from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.findings.photographs import middle_level
 from maskfab.report.documents.shape import Record
 from maskfab.report.pages.limits import FITS, LIVES, LOOKS, breaches, broken, judged_verdicts, told
 from maskfab.report.pages.tables import (
@@ -23,9 +24,8 @@ from maskfab.report.pages.tables import (
     scores,
     spread_words,
 )
-from maskfab.report.rows.photographs import middle_level
-from maskfab.report.rows.text import short
-from maskfab.report.rows.verdicts import PLANTED
+from maskfab.report.text import short
+from maskfab.report.verdicts import PLANTED
 
 Mood = Literal["good", "bad", "some", "open"]
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.limits import AT_LEAST, TITLES
 from maskfab.report.documents.shape import Record
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.text import rounded, short
 
 FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
 _PARTS: Mapping[str, str] = MappingProxyType({LOOKS: "looks", LIVES: "lives"})

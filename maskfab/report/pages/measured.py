@@ -37,7 +37,7 @@ from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import Quantities, quantity_document, short
+from maskfab.report.text import Quantities, quantity_document, short
 
 SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
 IF_IT_HELD = "If the model held, which it does not by as much as stated above:"

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from maskfab.base.provenance import environments, versions
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
+from maskfab.findings.photographs import middle_level
 from maskfab.job.camera import median_nm
 from maskfab.report.documents.numbers import methods
 from maskfab.report.documents.report import report_text
@@ -30,7 +31,6 @@ from maskfab.report.pages.limits import FITS, LIVES, LOOKS, LimitLine, broken, j
 from maskfab.report.pages.links import linked_places
 from maskfab.report.pages.tables import DieLine, die_table
 from maskfab.report.pages.template import ROW_FILTERS, page_environment, references, style
-from maskfab.report.rows.photographs import middle_level
 
 _KEY = (
     "restored_psnr", "restored_gain", "stop_open_ratio", WORST, "mtf50", "auc_radial_min", "halo_energy",

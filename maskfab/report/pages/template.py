@@ -17,7 +17,7 @@ from maskfab.base.quantities import registered
 from maskfab.base.resources import template
 from maskfab.report.documents.numbers import Methods
 from maskfab.report.documents.shape import Record
-from maskfab.report.rows.text import EXACT, rounded, short, told
+from maskfab.report.text import EXACT, rounded, short, told
 
 
 def page_environment(**filters: Callable[..., Any]) -> Environment:

@@ -29,6 +29,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Mtf, Psf, Quantity, split_cells
 from maskfab.base.units import NM_PER_UM
+from maskfab.findings.optics import polygon_psf, stop_boundary
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Process, Roughness
 from maskfab.mask.raster import coverage
@@ -49,7 +50,6 @@ from maskfab.optics.psf import EdgeLengths, ReadyPupil, image_scale_um2, rough_p
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, covered_aperture, cut, panel_aperture
 from maskfab.optics.stop import inside
 from maskfab.optics.stop_edges import edges_in_stop, stop_region, whole_or_away
-from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 Vertices = NDArray[np.uint8]
 

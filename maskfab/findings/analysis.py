@@ -19,6 +19,17 @@ from maskfab.base.model import CLEAR, Die, Mtf, Opening, Panel, Plate, Psf, Quan
 from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.findings.optics import (
+    INVARIANT_LIMIT_ROUND,
+    READBACK_ERROR,
+    LitPupils,
+    lit_pupils,
+    measure,
+    measure_pupils,
+    read_openings,
+    stop_boundary,
+)
+from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.die import check_lens, check_optics, even_nm
 from maskfab.job.process import UNSTATED, MaskBlank
@@ -43,17 +54,6 @@ from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, stop_box, sweep_s
 from maskfab.optics.tiling import orientations
-from maskfab.report.rows.optics import (
-    INVARIANT_LIMIT_ROUND,
-    READBACK_ERROR,
-    LitPupils,
-    lit_pupils,
-    measure,
-    measure_pupils,
-    read_openings,
-    stop_boundary,
-)
-from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000

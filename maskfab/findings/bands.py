@@ -44,14 +44,8 @@ from maskfab.camera.die_transfer import MOST_ACROSS, DieTransfer
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, RestoredBy
 from maskfab.camera.protocol import Protocol, evaluate
-from maskfab.job.camera import Camera
-from maskfab.job.process import Process
-from maskfab.mask.writer import Reading, check_process
-from maskfab.optics import metrics
-from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_step_um
-from maskfab.report.rows.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
-from maskfab.report.rows.photographs import (
+from maskfab.findings.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
+from maskfab.findings.photographs import (
     Conditions,
     Photographs,
     Surroundings,
@@ -59,7 +53,13 @@ from maskfab.report.rows.photographs import (
     middle_level,
     noise_told,
 )
-from maskfab.report.rows.scene import scene_reach_um
+from maskfab.findings.scene import scene_reach_um
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
+from maskfab.mask.writer import Reading, check_process
+from maskfab.optics import metrics
+from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_step_um
 
 Case = TypeVar("Case")
 Terms: TypeAlias = tuple[Floats, Floats, Floats, Floats]

@@ -392,8 +392,8 @@ def _robust_lines(designed: Designed, robust: Robustness) -> list[str]:
 
 
 def _scene_lines(designed: Designed, scene: SceneDesign) -> list[str]:
+    from maskfab.findings.scene import distance
     from maskfab.optics.gap import AXIS
-    from maskfab.report.rows.scene import distance
 
     seen, panel = scene.seen, scene.panel
     lines = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(designed, panel.mean)}, mean"]
