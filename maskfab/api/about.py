@@ -177,13 +177,7 @@ def _parts(*parts: tuple[str, str]) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Examination(Result):
-    """An installation.
-
-    Attributes:
-        facts: in words, by their names.
-        checks: of the self-test, each judged.
-        seconds: that the self-test took.
-    """
+    """An installation."""
 
     facts: dict[str, str]
     checks: Quantities = field(hash=False)
@@ -382,9 +376,6 @@ class Benchmark(Result):
 
         Args:
             out: new folder for the figure and the results.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         from maskfab.optics import benchmark as accuracy_page
 

@@ -70,9 +70,6 @@ class Analysis(Result, analysis.Analysis):
         Args:
             out: new folder for the PSFs, as EXR and PNG.
             facts: for the headers of the pictures.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         from maskfab.report.pages.pictures import write_analysis
 

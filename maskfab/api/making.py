@@ -315,8 +315,6 @@ def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[
     """Refuse what cannot be said of the folder, package or file that is verified.
 
     Args:
-        stated: arguments of :func:`verify` by name, None where left out.
-        subject: what is verified.
         spelt: how the caller's user writes an argument.
 
     Raises:
@@ -366,14 +364,7 @@ def _meant(file: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True, repr=False)
 class View(Result):
-    """A page that shows a plate.
-
-    Attributes:
-        path: of the page.
-        mask_file: name of the mask file whose polygons it shows.
-        sha256: of that file.
-        bytes: of the page.
-    """
+    """A page that shows a plate."""
 
     path: Path
     mask_file: str

@@ -54,11 +54,7 @@ class Result:
         return self.numbers.to_dict()
 
     def to_dataframe(self) -> DataFrame:
-        """The rows as a table.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
+        """The rows as a table."""
         from maskfab.report.text import dataframe
 
         return dataframe([dict(row) for row in self.rows()])
@@ -96,9 +92,6 @@ class FolderResult(Result):
         Args:
             out: the directory.
             force: replace an earlier result.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         return self._write(check_target(Path(out), force=force))
 
@@ -111,14 +104,11 @@ class Asked:
     """A command as it was typed.
 
     Attributes:
-        function: that does the work.
         stated: its arguments, but for those that were left out.
-        words: of the command line, after ``maskfab``.
         out: where the result is saved; None for nowhere.
         force: whether an earlier result may be replaced.
         as_json: whether a document is wanted.
         quiet: whether progress is not.
-        attended: whether a person sits at the terminal.
         progress: told where the work stands.
         tell: says a line on stderr at once.
         prompt: asks a person for a line of text.

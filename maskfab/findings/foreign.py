@@ -286,11 +286,7 @@ def check_foreign(
 
     Args:
         plate: the design, or one die of it, see :func:`only_die`.
-        camera: what looks through it.
         limits: the job's; the whole file keeps them, or is no worse than the design by the design's own smallest.
-        path: the file, of any kind that :func:`read_layout` or :func:`read_picture` reads.
-        how: what the file does not say itself.
-        blank: what the job states of the plate.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
 
     Raises:

@@ -472,11 +472,7 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
 
 @one_thread
 def made(plan: Plan, progress: Progress = silent, workers: Workers = EVERY_CORE) -> Study:
-    """Make a study.
-
-    Raises:
-        JobError: for a die that cannot be photographed, as :meth:`maskfab.findings.photographs.Conditions.design`.
-    """
+    """Make a study."""
     optics = {}
     for done, (name, panel) in enumerate(plan.panels.items() if plan.study.optics else ()):
         progress("optics", done, len(plan.panels))

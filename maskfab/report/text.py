@@ -173,11 +173,7 @@ class Quantities(Sequence[Quantity]):
         return [quantity_document(quantity) for quantity in self._all]
 
     def to_dataframe(self) -> DataFrame:
-        """One row for each number, as report.json has it.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
+        """One row for each number, as report.json has it."""
         return dataframe(self.to_dict())
 
     def __str__(self) -> str:
@@ -224,11 +220,7 @@ def html_table(quantities: Iterable[Quantity]) -> str:
 
 
 def dataframe(rows: Sequence[Mapping[str, Any]] | Mapping[Any, Any]) -> DataFrame:
-    """Rows, or columns by their names, as a DataFrame of pandas.
-
-    Raises:
-        JobError: MF152 without pandas.
-    """
+    """Rows, or columns by their names, as a DataFrame of pandas."""
     require("pandas", what="a DataFrame", otherwise="use to_dict()")
     from pandas import DataFrame
 

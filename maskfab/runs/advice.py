@@ -134,13 +134,9 @@ def advise(
     """Find what should be built for a job's display.
 
     Args:
-        stated: a validated job with [design], [emitters], [plate] and a die to compare with.
         path: the job, for errors; its files are named from its folder.
         images: folder of photographs to design for; synthetic scenes if None.
         clock: of the budget; whoever ends it early gets the best so far, photographed.
-
-    Raises:
-        JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
     """
     require("design", what="advice on a design", where=str(path))
     spec, section = searched(stated, str(path))

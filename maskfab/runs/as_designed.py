@@ -43,11 +43,6 @@ class AsDesigned:
 def as_designed(job: Job, name: str, progress: Progress = silent) -> AsDesigned:
     """Measure and photograph the dies of a job.
 
-    Args:
-        job: with camera, sensor, exposure and scene.
-        name: of the report.
-        progress: told where the work stands.
-
     Raises:
         JobError: MF114 for a panel smaller than the stop, MF115 for one too fine; MF140, MF141 for a sensor or a light
             that cannot be; of one that cannot be photographed the report says why.

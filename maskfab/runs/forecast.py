@@ -296,11 +296,7 @@ class _ForecastExecutor(SerialExecutor):
         self._seen: list[tuple[bool, float, float]] = []
 
     def run(self, function: Callable[..., Found], *given: Any) -> Found:
-        """A kept finding.
-
-        Raises:
-            _NotKeptError: if it is not.
-        """
+        """A kept finding."""
         entry = self._look(function, given)
         if entry is None:
             raise _NotKeptError
@@ -312,11 +308,7 @@ class _ForecastExecutor(SerialExecutor):
         return Task(call, self)
 
     def run_all(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Task[Found]]:
-        """Tasks whose findings are all kept.
-
-        Raises:
-            _NotKeptError: if one is not.
-        """
+        """Tasks whose findings are all kept."""
         entries = [self._look(call.function, call.given()) for call in calls]
         if any(entry is None for entry in entries):
             raise _NotKeptError

@@ -61,8 +61,6 @@ class Result:
     ``result["DIE"]`` are the numbers of a die, ``result["DIE"]["mtf50", 530]`` one of them.
 
     Attributes:
-        directory: of its files.
-        report: all that was found out.
         verdicts: whether the plate can be ordered, its optics are proved, and displays fit, look and live.
         taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
         accounts: where every finding comes from; none for a run without a cache.
@@ -126,11 +124,7 @@ class Result:
         return document
 
     def to_dataframe(self) -> DataFrame:
-        """One row for each number of each die and of the plate.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
+        """One row for each number of each die and of the plate."""
         return self._every.to_dataframe()
 
     @property
@@ -154,11 +148,7 @@ class PlateFindings:
     """Everything that was found out about a plate.
 
     Attributes:
-        job: that asks for it.
-        built: the plate, and its displays.
         read: rows of what reading files back has shown, and the shop's rules.
-        optics: of every die.
-        scenes: through every die; none for a job without a scene.
         restored: photographs through all dies.
         written: dies as their writer makes them, by name.
         changes: of restored photographs over the spread of the process, by die; none without a spread.

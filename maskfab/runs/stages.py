@@ -35,13 +35,7 @@ MIN_DIES_TO_FORK = 4
 
 
 def executor_of(job: Job, cache: Store | None = None, workers: Workers = EVERY_CORE) -> SerialExecutor:
-    """Who makes a plate: this process alone where its dies are too few to be worth starting another.
-
-    Args:
-        job: asks for it.
-        cache: what they need not find, and where they keep what they find.
-        workers: as many as may share it.
-    """
+    """Who makes a plate: this process alone where its dies are too few to be worth starting another."""
     executor = workers.executor(tasks_at_once(job))
     return executor if cache is None else CachingExecutor(executor, cache, expected)
 
@@ -139,10 +133,8 @@ class PendingPhotographs:
     """Photographs that are being taken.
 
     Attributes:
-        conditions: of all.
         tasks: by die.
         reference: die that the job names as such.
-        executor: takes them.
     """
 
     conditions: Conditions
@@ -232,11 +224,7 @@ def measure_process(
     seconds: dict[str, float] | None = None,
     executor: SerialExecutor | None = None,
 ) -> dict[str, Written]:
-    """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process.
-
-    Raises:
-        JobError: MF104, MF127 or MF115 for a process that does not go with a die.
-    """
+    """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process."""
     process = job.spec.written
     if process is None:
         return {}

@@ -93,12 +93,7 @@ _SAME = 1e-6
 
 @dataclass(frozen=True)
 class Verified:
-    """A finished directory checked again.
-
-    Attributes:
-        checks: in the order in which they were made, notes among them.
-        verdicts: what they come to.
-    """
+    """A finished directory checked again."""
 
     checks: tuple[Quantity, ...]
     verdicts: Verdicts
@@ -516,8 +511,6 @@ class RemadeFile:
     """One file of a directory, and the same made once more.
 
     Attributes:
-        name: in the directory.
-        stage: that makes it, in words.
         difference: in words; None if every byte is the same.
     """
 
@@ -531,8 +524,6 @@ class Reproduction:
     """A directory made once more.
 
     Attributes:
-        directory: as it was given.
-        files: every file of its manifest, the manifest last.
         versions: programs of other versions than then: name, then, now; "-" where there is none.
     """
 
@@ -577,14 +568,6 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
 
     Nothing is taken from the cache, and nothing is written into the directory. A file that was changed since differs as
     one does that other versions make otherwise; :func:`maskfab.runs.verification.verify` tells whether it was changed.
-
-    Args:
-        directory: of a finished run.
-        progress: told where the work stands.
-
-    Raises:
-        OutputError: MF403 if the directory is not that of a finished run.
-        InputError: if its job can no longer be used.
     """
     folder = Path(directory)
     put_back(Path(os.path.realpath(folder)))

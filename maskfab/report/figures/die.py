@@ -80,8 +80,6 @@ def pictures(
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
 
     Args:
-        more: what else there is to draw.
-        executor: who draws.
         stressed: dies that the comparison of all shows before the others.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)

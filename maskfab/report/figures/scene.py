@@ -291,7 +291,6 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]], how: 
 
     Args:
         truth: part of the scene, float32 [3, rows, columns] within 0 to 1, row 0 on top.
-        scene: its name.
         taken: by die, the same part of its restored photographs; every die at the same levels.
     """
     levels = [shot.score.level_db for shot in next(iter(taken.values()))]

@@ -532,12 +532,7 @@ def _beside(value: float | None) -> str:
 
 
 def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
-    """The page, with nothing from outside it.
-
-    Args:
-        document: of advice.json.
-        drawn: as :func:`pictures` gives them.
-    """
+    """The page, with nothing from outside it."""
     return page_template("advice.html.j2", cell=shown, beside=_beside, bound=bound).render(
         style=style(),
         told=document,
@@ -547,11 +542,7 @@ def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
 
 
 def write_advice(place: Place, document: Record, files: Mapping[str, str], drawn: Mapping[str, str]) -> list[Path]:
-    """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths."""
     text = document_text(document)
     with staged(place) as folder:
         for name, content in {**files, DOCUMENT: text, PAGE: advice_page(json.loads(text), drawn)}.items():

@@ -99,11 +99,7 @@ class Made:
 def designed_document(
     design: Designed, paths: Mapping[str, Path], notes: Sequence[str], made: Made | None = None
 ) -> dict[str, Any]:
-    """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``.
-
-    Args:
-        made: how it came about; null where that is not known.
-    """
+    """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``."""
     designed, account = design.designed, design.account
     return {
         "schema_version": SCHEMA_VERSION,
@@ -561,11 +557,7 @@ DOCUMENT, PAGE = "design.json", "design.html"
 
 
 def write_design(place: Place, document: Record, files: Mapping[str, str]) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything into a directory that appears whole, and return the paths."""
     text = document_text(document)
     with staged(place) as folder:
         for name, content in {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}.items():

@@ -299,11 +299,7 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
 
 
 def write_capture(place: Place, measured: Measured, document: Record, notes: Sequence[str]) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything into a directory that appears whole, and return the paths."""
 
     def write_light(folder: Path) -> None:
         write_merged(measured.merged, folder / LIGHT, folder / SIGMA)
@@ -473,11 +469,7 @@ def write_measured(
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:
-        document: what measure.json says; its ``job_hash`` is None without a job.
         more: writes other files into the folder that it is given.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
     """
     with staged(place) as folder:
         (folder / PAGE).write_text(page, encoding="utf-8")

@@ -352,11 +352,7 @@ def table(pareto: Pareto, designs: Designs) -> str:
 
 
 def write_pareto(place: Place, pareto: Pareto, document: Record, designs: Designs) -> list[Path]:
-    """Write everything, and its document, into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything, and its document, into a directory that appears whole, and return the paths."""
     with staged(place) as folder:
         for design in designs:
             names = _files(design)

@@ -214,9 +214,6 @@ def write_rendering(
 
     For each die and picture: ``DIE_PICTURE.exr`` and ``.png`` are the emitted light, ``samples`` along a pixel (the PNG
     as bright as its brightest sample allows), ``DIE_PICTURE_seen.png`` what the eye takes in.
-
-    Raises:
-        OutputError: MF401, MF402 if the directory cannot be written or is not empty.
     """
     total = sum(len(panel.images) for panel in panels)
     with staged(check_target(target, force=False)) as folder:

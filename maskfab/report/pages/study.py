@@ -410,11 +410,7 @@ def study_document(study: Study) -> dict[str, Any]:
 
 
 def write_study(place: Place, study: Study) -> list[Path]:
-    """Write page, numbers and figures into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write page, numbers and figures into a directory that appears whole, and return the paths."""
     drawn: dict[str, Drawing] = {}
     if study.scores:
         drawn["scores"] = scores_figure(study)

@@ -100,7 +100,6 @@ def references(listed: Methods, page: str = "") -> Callable[[Iterable[Record | N
     """Writes the keys of the methods of some rows, each a link into the list of methods.
 
     Args:
-        listed: of the report.
         page: that has the list; "" for the same one.
     """
 
