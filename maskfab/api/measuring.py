@@ -227,7 +227,7 @@ answers(measure)(saved_at)
 
 
 def _noise(gain: float | None, read_noise: float | None, known: tuple[float, float] | None) -> tuple[float, float]:
-    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames or a sensor told."""
+    """Electrons for each count, and the read noise in electrons: as stated, else as two frames or a sensor told."""
     if known is not None:
         gain = known[0] if gain is None else gain
         read_noise = known[1] if read_noise is None else read_noise

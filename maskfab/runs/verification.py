@@ -81,12 +81,7 @@ from maskfab.runs.stages import (
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
 _SCHEMA = "report_schema"
-_FORMER_UNITS = {"um^2": "um2"}
-"""Units as reports of earlier versions spell them."""
 _PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
-_PHOTOGRAPHED, _LAID, _JUDGED, _LOOKED_AT = 3, 4, 5, 6
-"""Schemas of the first reports whose numbers of photographs are those of photographs, whose lines may be laid across a
-panel, and which tell verdicts by subject, and what the eye sees of displays as they are tiled."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -371,7 +366,7 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
 
 
 def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
-    """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
+    """Everything that report.json says against what is measured now; a note first on an earlier schema."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         stated, present = then["schema_version"], now["schema_version"]
@@ -384,42 +379,9 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
     if earlier:
         reason = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
         yield Quantity(_SCHEMA, stated, reason)
-    renamed = [old for place, new, old in changes if _former_unit(place, new, old)]
-    if renamed:
-        reason = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
-        yield Quantity("report_units", renamed[0], reason)
-    lapsed = set()
-    for name, since, of, reason in (
-        ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
-        ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
-        (
-            "report_protocol",
-            _LAID,
-            lambda place: "design" in place and place[-1] == "protocol",
-            "does not name the protocol of designs",
-        ),
-        (
-            "report_verdicts",
-            _JUDGED,
-            lambda place: place[0] == "verdicts",
-            "has one verdict for files, optics and displays",
-        ),
-        (
-            "report_looks",
-            _LOOKED_AT,
-            _of_looks,
-            "does not tell how displays look and live, beside a reference",
-        ),
-    ):
-        places = [place for place, _, _ in changes if earlier and stated < since and of(place)]
-        if places:
-            why = f"{REPORT} {reason}, as earlier versions did: these numbers are not compared"
-            yield Quantity(name, len(places), why)
-        lapsed |= set(places)
     differences = [
         _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
         for place, new, old in changes
-        if not _former_unit(place, new, old) and place not in lapsed
     ]
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
@@ -428,24 +390,6 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
 def _of_photographs(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
     return any(finding.noisy for part in place for word in part.split(", ") for finding in origins(word))
-
-
-def _of_wires(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of wires, or of an answer that rests on them."""
-    answered = "display" in place and ("verdict" in place or "proofs" in place)
-    return answered or any(part == "wires" or "wire_lines" in part for part in place)
-
-
-def _of_looks(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of limits of the eye and of life, or of what earlier ones told instead."""
-    rows = ("flat_delta_e_", "grain_", "edge_fringe", "even_", "reference_")
-    return place[:2] == ("verdicts", "display") or any(
-        part in ("looks", "lives", "reference") or word.startswith(rows) for part in place for word in part.split(", ")
-    )
-
-
-def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:
-    return place[-1] == "unit" and isinstance(now, str) and _FORMER_UNITS.get(now) == then
 
 
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
