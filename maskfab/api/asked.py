@@ -240,6 +240,7 @@ def dies_of(asked: str | Sequence[str] | None, names: Collection[str]) -> tuple[
 def given_folder(images: str | Path | None, white: float | None, *, whole: bool = False) -> Folder | None:
     """The photographs of a folder; None where none is named, and scenes are drawn.
 
+    Args:
         white: light that is white in photographs that hold light, EXR and HDR; None where nobody states it.
         whole: take whole photographs rather than their middle.
 

@@ -261,6 +261,7 @@ def blurs_of(
 ) -> tuple[Undone, ...]:
     """The blur of each of so many photographs, of pictures whose first row is the top, sentences on it, and rivals.
 
+    Args:
         photos: how many there are.
         job, camera, pixel, stands: as of :func:`maskfab.api.restoring.restore`.
         die: of all, or of each photograph.

@@ -294,6 +294,7 @@ def map_cases(
 ) -> list[Record]:
     """Find cases, each kept in its file as soon as it is found.
 
+    Returns:
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.
 
     Raises:
