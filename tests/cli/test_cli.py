@@ -31,7 +31,7 @@ SHIPPED = sorted(resources.path("layouts/openings").glob("*.toml"))
 SHAPES = [
     path
     for path in SHIPPED
-    if tomllib.loads(path.read_text())["provenance"].get("command", "").startswith("maskfab shape")
+    if tomllib.loads(path.read_text())["provenance"].get("command", "").startswith("maskfab new")
 ]
 QUANTITY = {"name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"}
 OF_EVERY_DIE = {
