@@ -9,7 +9,7 @@ leave more room, which is not counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -21,7 +21,7 @@ from maskfab.display.drive import AT_MA_PER_CM2, FIXED_V, RISING_V, LightDemand
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.eye import FINE_CPD, SLOW_CPD
 from maskfab.display.feasibility import Feasibility, footprint_of
-from maskfab.display.polygon_check import left_of_emitters
+from maskfab.display.polygon_check import Violation, left_of_emitters
 from maskfab.findings.bands import SHARE, ProcessSpread
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
@@ -55,7 +55,6 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
             "wired_transmission",
             share,
             "light that the wires leave over the light through the openings, exact from their outlines",
-            die=die.name,
         ),
         Quantity(
             "wired_psf_change",
@@ -63,7 +62,6 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
             "relative L2 of the point PSF with the wires against that without, each over the light it holds: mean "
             "amplitude and mean power of every dot",
             wavelength_nm=wavelength,
-            die=die.name,
         ),
     )
 
@@ -78,8 +76,8 @@ def display_quantities(
         exempt: whether it is the die that others are compared with, which no limit of the job is held against.
     """
     through = () if camera is None else wired_quantities(die, camera)
-    rows = (*_emitters(die, feasibility), *_judged_rows(feasibility, die.name), *through)
-    return tuple(_exempted(row) for row in rows) if exempt else rows
+    rows = (*_emitters(die, feasibility), *_judged_rows(feasibility), *through)
+    return tuple(replace(_exempted(row) if exempt else row, die=die.name) for row in rows)
 
 
 _EXEMPT = frozenset(
@@ -95,30 +93,25 @@ def _exempted(row: Quantity) -> Quantity:
 
 
 def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
-    footprint, name, required = feasibility.footprint, die.name, feasibility.required
+    footprint, required = feasibility.footprint, feasibility.required
     yield Quantity(
         "led_footprint",
         feasibility.share,
         "share of a pixel, gutter included, that one colour of the emitters drawn covers; areas counted in cells",
         limit=required or None,
         passed=feasibility.share >= required - 1e-12 if required else None,
-        die=name,
     )
     yield Quantity(
         "led_footprint_largest",
         footprint.found_share,
         f"the largest share that was found ({footprint.method}); the emitters drawn may be smaller and better centred",
-        die=name,
     )
     why = "" if footprint.certificate is None else f": {footprint.certificate.statement}"
-    yield Quantity(
-        "led_footprint_bound", footprint.bound_share, f"no placement under the rules has more{why}", die=name
-    )
+    yield Quantity("led_footprint_bound", footprint.bound_share, f"no placement under the rules has more{why}")
     yield Quantity(
         "led_footprint_rectangles",
         footprint.rectangles_share,
         "the largest share of three rectangles, exact: window table and two straight cuts",
-        die=name,
     )
     room = feasibility.room
     yield Quantity(
@@ -126,10 +119,9 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
         room.area_um2,
         f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells: a "
         f"bound, {'not placed' if feasibility.circuits is None else 'for their boxes decide'}",
-        die=name,
     )
-    yield from _circuit_rows(feasibility, name)
-    yield from _wire_rows(die, feasibility)
+    yield from _circuit_rows(feasibility)
+    yield from _wire_rows(feasibility)
     if feasibility.emitters is None:
         return
     for colour, own in zip(COLOURS, feasibility.own_rooms, strict=False):
@@ -137,7 +129,6 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
             f"circuit_room_{colour}",
             own.area_um2,
             f"the same under the {colour} emitter, where a circuit of its own needs {own.need_um2:.0f} um^2",
-            die=name,
         )
     if feasibility.reaches:
         yield Quantity(
@@ -145,23 +136,19 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
             len(feasibility.stranded),
             f"of {len(feasibility.reaches)} connected emitters, those from which no chain of closed dots that share "
             "sides leads to the pixel's side, and no transparent wire does",
-            die=name,
         )
-    broken = "; ".join(f"{rule.rule}, {rule.area_um2:g} um^2" for rule in feasibility.broken[:3])
     yield Quantity(
         "emitter_rules_broken",
         len(feasibility.broken),
         "rules of gap and width that the emitters' polygons break, measured by KLayout on a tile in which all pairs of "
-        f"neighbours meet{': ' if broken else ''}{broken}",
+        f"neighbours meet{_first_of(feasibility.broken)}",
         limit=0,
         passed=not feasibility.broken,
-        die=name,
     )
     yield Quantity(
         "luminance_centroid",
         (feasibility.centroid_px[0] ** 2 + feasibility.centroid_px[1] ** 2) ** 0.5,
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
-        die=name,
     )
     light, usual = feasibility.light, LightDemand()
     assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
@@ -176,18 +163,23 @@ def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
                 f"luminance of white, {light.luminance_cd_per_m2:g} cd/m2, x the share {light.shares[number]:g} that "
                 f"{colour} has of it (BT.709) / (efficacy, {light.efficacy_cd_per_a[number]:g} cd/A{judged}, x share "
                 "of the pixel)",
-                die=name,
             )
             yield Quantity(
                 f"relative_life_{colour}",
                 feasibility.life[number],
                 "life over that of an emitter of 9.3 % of the pixel (a vendor's claim for panels of 300 DPI) at the "
                 f"same luminance, (J / J')^-n with n = {light.ageing_exponent:g}{source}",
-                die=name,
             )
 
 
-def _circuit_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
+def _first_of(broken: Sequence[Violation]) -> str:
+    """The first broken rules, in words."""
+    return "".join(
+        f"{'; ' if number else ': '}{one.rule}, {one.area_um2:g} um^2" for number, one in enumerate(broken[:3])
+    )
+
+
+def _circuit_rows(feasibility: Feasibility) -> Iterator[Quantity]:
     circuits = feasibility.circuits
     if circuits is None:
         return
@@ -196,17 +188,14 @@ def _circuit_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
         len(circuits.boxes),
         f"of {circuits.wanted} boxes of {circuits.area_um2:g} um^2 together; places on a grid of "
         f"{circuits.cell_nm / NM_PER_UM:g} um, found by rules of thumb and by search, or excluded by a proof",
-        die=name,
     )
-    broken = "; ".join(f"{rule.rule}, {rule.area_um2:g} um^2" for rule in circuits.broken[:3])
     yield Quantity(
         "circuit_rules_broken",
         len(circuits.broken),
         "rules of gap and size that the polygons of circuits break, measured by KLayout on a tile in which all pairs "
-        f"of neighbours meet{': ' if broken else ''}{broken}",
+        f"of neighbours meet{_first_of(circuits.broken)}",
         limit=0,
         passed=not circuits.broken,
-        die=name,
     )
 
 
@@ -232,7 +221,7 @@ JUDGED_ROWS: Mapping[str, tuple[str, str]] = MappingProxyType(
 """Rows of a report, and how they are found, by the names of numbers that limits are held against."""
 
 
-def _judged_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
+def _judged_rows(feasibility: Feasibility) -> Iterator[Quantity]:
     """Numbers of the eye and of life; limits that the job states are judged, and defaults are told."""
     judged = feasibility.judged
     if judged is None:
@@ -243,7 +232,6 @@ def _judged_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
             min(judged.reference_shares),
             f"share of a pixel that the least of the colours covers in {judged.layout}, the regular display at the "
             "die's pitch, without openings, drawn by the rules of the emitters",
-            die=name,
         )
     for number in (*judged.looks, *judged.lives):
         row, how = JUDGED_ROWS[number.name]
@@ -257,12 +245,11 @@ def _judged_rows(feasibility: Feasibility, name: str) -> Iterator[Quantity]:
             f"{how}{place}{beside}{limit}",
             limit=number.limit if number.stated else None,
             passed=number.passed if number.stated else None,
-            die=name,
         )
 
 
-def _wire_rows(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
-    wires, name = feasibility.wiring, die.name
+def _wire_rows(feasibility: Feasibility) -> Iterator[Quantity]:
+    wires = feasibility.wiring
     if wires is None:
         return
     how = (
@@ -276,7 +263,6 @@ def _wire_rows(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
             lines,
             f"lines along {axis} drawn for every pixel, of {wires.wanted} asked for: {wires.transparent} transparent, "
             f"{how}",
-            die=name,
         )
 
 

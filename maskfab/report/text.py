@@ -69,7 +69,9 @@ _DECIBELS = 2
 """Decimals of a value in dB at most."""
 
 
-def told(value: float | str | None, error: float | None = None, unit: str = "1", digits: int = 4) -> tuple[str, str]:
+def value_and_error(
+    value: float | str | None, error: float | None = None, unit: str = "1", digits: int = 4
+) -> tuple[str, str]:
     """A number and its error as a reader is told them: no digit that the error does not allow, and few at most.
 
     Args:
@@ -243,13 +245,13 @@ def _value(quantity: Quantity) -> str:
     """With the digits that its error allows, or six where none is known."""
     value = quantity.value
     if isinstance(value, float) and quantity.uncertainty and abs(value) >= _NOTHING:
-        text, error = told(value, quantity.uncertainty, quantity.unit, 6)
+        text, error = value_and_error(value, quantity.uncertainty, quantity.unit, 6)
         return f"{value:.6g}" if error == EXACT else _plain(text)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _error(quantity: Quantity) -> str:
-    _, error = told(quantity.value, quantity.uncertainty, quantity.unit)
+    _, error = value_and_error(quantity.value, quantity.uncertainty, quantity.unit)
     return error if error in ("", EXACT) else f"± {_plain(error)}"
 
 

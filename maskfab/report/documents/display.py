@@ -31,6 +31,7 @@ from maskfab.report.documents.shape import (
     written,
 )
 from maskfab.report.text import quantity_document
+from maskfab.report.verdicts import BROKEN, KEPT, LIVES, LOOKS, LimitVerdict
 
 _VERDICTS = OneOf(tuple(verdict.value for verdict in Verdict))
 
@@ -110,7 +111,7 @@ class _Limited(Part):
 
 
 class _Judged(Part):
-    verdict: Literal["KEPT", "BROKEN"]
+    verdict: LimitVerdict
     seen: str = optional("pixels and place of the eye")
     pitch_um: float = optional("at which the display is looked at")
     distance_um: float = optional("from the eye to the display")
@@ -199,7 +200,7 @@ def _judged_parts(judged: Judgement | None) -> dict[str, Document]:
 
 def _limits(numbers: Sequence[Limited], looked: Judgement | None = None) -> Document:
     return _Judged.document(
-        verdict="KEPT" if kept(numbers) else "BROKEN",
+        verdict=KEPT if kept(numbers) else BROKEN,
         seen=None if looked is None else looked.where,
         pitch_um=None if looked is None else looked.seen_pitch_um,
         distance_um=None if looked is None else looked.distance_um,
@@ -337,7 +338,7 @@ def display_lines(
         return
     words = [f"FITS: {display.verdict}"]
     if (judged := display.judged) is not None:
-        answers = (("LOOKS", judged.looks), ("LIVES", judged.lives))
+        answers = ((LOOKS, judged.looks), (LIVES, judged.lives))
         words += [f"{word}: {'KEPT' if kept(numbers) else 'BROKEN'}" for word, numbers in answers if numbers]
     yield f"{name}: {', '.join(words)}; {display.circuits_by}"
     for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):

@@ -48,7 +48,7 @@ from maskfab.report.documents.shape import (
     written,
 )
 from maskfab.report.text import quantity_document
-from maskfab.report.verdicts import Verdicts
+from maskfab.report.verdicts import BROKEN, KEPT, Verdicts
 
 SCHEMA_VERSION = 6
 _READ = (5, SCHEMA_VERSION)
@@ -98,7 +98,7 @@ class _Limits(Part):
     dies: int
     kept: int
     broken: int
-    verdict: Annotated[str | None, OneOf(("KEPT", "BROKEN", None))]
+    verdict: Annotated[str | None, OneOf((KEPT, BROKEN, None))]
     stated: bool = Field(description="whether the job states any of the limits, which are else defaults")
 
 
