@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from maskfab.base.errors import MaskfabError as MaskfabError
     from maskfab.mask.job import load_job as load_job
     from maskfab.mask.panels import read_map as read_map
-    from maskfab.report.rows.text import Quantities as Quantities
+    from maskfab.report.text import Quantities as Quantities
 
 
 # The one list of public names: type checkers read it as imports, and everything below reads its text.
@@ -63,24 +63,6 @@ if TYPE_CHECKING:
 with open(__file__, encoding="utf-8") as _text:
     WHERE = {line.split()[3]: line.split()[1] for line in _text if line.startswith("    from ")}
 """Module of every public name."""
-
-OLD_NAMES = {
-    "pareto": "design --front",
-    "render": "check --look",
-    "plan": "check --optics",
-    "shape": "new --shape",
-    "reproduce": "verify --again",
-    "shops": "order list",
-    "package": "order pack",
-    "measure_edge": "edge",
-    "measure_mtf": "edge",
-    "schema": "explain --schema",
-    "doctor": "self doctor",
-    "cache": "self cache",
-    "bench": "self bench",
-    "cite": "self cite",
-}
-"""Verbs of the last release, and what they are now."""
 
 __all__ = ["__version__", *WHERE]  # noqa: PLE0604 - names of the list above
 
@@ -90,13 +72,7 @@ def __getattr__(name: str) -> Any:
     if name in WHERE:
         room = import_module(WHERE[name])
         return vars(room).get(name) or import_module(f"{WHERE[name]}.{name}")
-    message = f"module {__name__!r} has no attribute {name!r}"
-    if name in OLD_NAMES:
-        verb, _, more = OLD_NAMES[name].partition(" ")
-        message += f": it is now {__name__}.{verb}" + (
-            f"({more[2:]}=...)" if more[:2] == "--" else f".{more}" * bool(more)
-        )
-    raise AttributeError(message)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -22,6 +22,8 @@ from brute_optics import Boxes, Outline, Picture, Slices, boxes_of
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, DieOptics, Opening, Panel, Psf, Quantity, Tiling
+from maskfab.findings.optics import measure
+from maskfab.findings.scene import measure_scene
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.pupil import panel_aperture
@@ -30,8 +32,6 @@ from maskfab.optics.scene.point_images import scene_psf, spectrum_psf
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, Curve
 from maskfab.optics.tiling import orientations
-from maskfab.report.rows.optics import measure
-from maskfab.report.rows.scene import measure_scene
 
 FLOOR = 1e-8
 """Of the size of a number: true errors below it are rounding."""

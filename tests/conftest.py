@@ -36,6 +36,7 @@ from maskfab.camera import scenes
 from maskfab.camera.inspection import costs
 from maskfab.designs.model import layouts_bound, limits
 from maskfab.designs.model.statistics import SceneStatistics
+from maskfab.findings import bands, photographs
 from maskfab.mask import sandbox
 from maskfab.mask.formats import gdsii
 from maskfab.mask.formats.gdsii import write_gdsii
@@ -43,7 +44,6 @@ from maskfab.mask.formats.gdstk_process import content
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.layout import plate_layout
 from maskfab.mask.outlines import text_polygons
-from maskfab.report.rows import bands, photographs
 from maskfab.runs.store import VARIABLE
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.

@@ -45,6 +45,7 @@ from maskfab.base.processes import quiet
 from maskfab.base.work import silent
 from maskfab.display import pictures
 from maskfab.display.pictures import on_pixels
+from maskfab.findings.foreign import check_foreign
 from maskfab.mask import opening_file, panels
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.comparison.roundtrip import compare_layout
@@ -59,7 +60,6 @@ from maskfab.mask.package import papers
 from maskfab.mask.package.pack import verify_package
 from maskfab.mask.package.papers import drawing_sheet
 from maskfab.mask.sandbox import bounded
-from maskfab.report.rows.foreign import check_foreign
 
 try:
     import resource

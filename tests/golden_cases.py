@@ -422,14 +422,6 @@ _CASES = (
         Case(f"help/{verb}", f"{verb.replace('_', ' ')} --help", text=True, longest_text=9000)
         for verb in " ".join(VERBS).split()
     ),
-    # words of the last release
-    Case("old/schema", "schema check", quick=True),
-    Case("old/shape", "shape stripe --clear-dots 90 --out s.toml"),
-    Case("old/check_shop", "check small.toml --shop generic-chrome --format gdsii", SMALL),
-    Case("old/cite", "cite", quick=True),
-    Case(
-        "old/analyse", "analyse ring.toml --stop '400 um' --focal '5 mm' --wavelengths '530 nm' --gap '0.2 mm'", SMALL
-    ),
     Case("help/all", "--help", text=True, longest_text=9000, quick=True),
     Case("help/no_such_verb", "nothing", quick=True),
     *(Case(f"example/{name}", f"python examples/{name}.py", (*LAYOUTS, "examples")) for name in EXAMPLES.split()),

@@ -39,11 +39,11 @@ FIGURES = (
     "maskfab.report.figures.die.overview",
     "maskfab.mask.package.papers.drawing_sheet",
 )
-OPTICS = ("maskfab.report.rows.optics.measure", "maskfab.report.rows.optics.bar_of_panel")
+OPTICS = ("maskfab.findings.optics.measure", "maskfab.findings.optics.bar_of_panel")
 BOUNDS = ("maskfab.designs.search.result.bounds",)
 DESIGN = (
     "maskfab.mask.comparison.faults._of_plate",
-    "maskfab.report.rows.foreign.measure",
+    "maskfab.findings.foreign.measure",
 )
 """What the design itself breaks and shows, which every file that is held against it asks for."""
 

@@ -29,9 +29,9 @@ from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.scenes import Photograph, dead_leaves, folder, indoors, scene
 from maskfab.camera.scores import MeanDifference, ScoreTable
 from maskfab.display.pictures import read_picture
+from maskfab.findings.photographs import Conditions, Surroundings, learned_restorers, read_checkpoints
 from maskfab.mask.job import load_job
 from maskfab.optics.colour import code_of_light
-from maskfab.report.rows.photographs import Conditions, Surroundings, learned_restorers, read_checkpoints
 
 JOB = load_job(Path(__file__).parent.parent / "layouts" / "upc12.toml")
 SIDE = 576

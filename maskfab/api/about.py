@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
     from maskfab.bench.hard_cases import CaseResult
     from maskfab.bench.race import Timing
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
     from maskfab.runs.store import Entry
 
 
@@ -177,13 +177,7 @@ def _parts(*parts: tuple[str, str]) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Examination(Result):
-    """An installation.
-
-    Attributes:
-        facts: in words, by their names.
-        checks: of the self-test, each judged.
-        seconds: that the self-test took.
-    """
+    """An installation."""
 
     facts: dict[str, str]
     checks: Quantities = field(hash=False)
@@ -221,7 +215,7 @@ def doctor(*, progress: Progress = silent) -> Examination:
         progress: told where the work stands.
     """
     from maskfab.api.self_test import clear_stop, trials_of, tried
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
 
     begun = time.perf_counter()
     checks = [clear_stop()]
@@ -382,9 +376,6 @@ class Benchmark(Result):
 
         Args:
             out: new folder for the figure and the results.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         from maskfab.bench import race as accuracy_page
 

@@ -36,8 +36,6 @@ class Advice(FolderResult):
 
     Attributes:
         found: the design, photographs through it, its display, mask houses, and what else there is.
-        command: that repeats it.
-        time: seconds that it took.
     """
 
     found: Advised

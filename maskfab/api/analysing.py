@@ -24,6 +24,8 @@ from maskfab.base.model import Opening, Quantity, Tiling
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_pitch_um
 from maskfab.base.work import Progress, silent
+from maskfab.findings import analysis
+from maskfab.findings.analysis import Request, described_scene
 from maskfab.job.camera import Camera as Lens
 from maskfab.job.faults import parse_section
 from maskfab.job.process import MaskBlank
@@ -31,9 +33,7 @@ from maskfab.job.sections import SceneSection
 from maskfab.mask.opening_file import checked
 from maskfab.optics.metrics import fast_lens
 from maskfab.optics.scene.model_bar import MODEL_BAR
-from maskfab.report.rows import analysis
-from maskfab.report.rows.analysis import Request, described_scene
-from maskfab.report.rows.text import Quantities, note_lines, table_lines
+from maskfab.report.text import Quantities, note_lines, table_lines
 
 
 class Analysis(Result, analysis.Analysis):
@@ -70,9 +70,6 @@ class Analysis(Result, analysis.Analysis):
         Args:
             out: new folder for the PSFs, as EXR and PNG.
             facts: for the headers of the pictures.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         from maskfab.report.pages.pictures import write_analysis
 

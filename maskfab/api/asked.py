@@ -59,7 +59,6 @@ def job_of(
         job: a file, a loaded job, a plate, or panels, which become a plate of dies of these names; those of a list are
             named after their openings, or P1, P2 and so on where two have one name.
         camera: that looks through plate or panels; by default the plate's, or that of protocol F1.
-        sections: further ones of a job file, for panels.
         further: what a verb refuses, told with the faults of a file; see :func:`maskfab.mask.job.load_job`.
 
     Raises:
@@ -89,10 +88,7 @@ def laid_out(
     """The validated job of whatever states one, and its plate or panels, refused with all that checks refuse, at once.
 
     Args:
-        job: as :func:`job_of` takes it.
         lay: lays the job out.
-        checks: refuse what the verb cannot do with the job.
-        camera: as :func:`job_of` takes it.
 
     Raises:
         JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
@@ -115,11 +111,6 @@ def laid_out(
 
 def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None) -> tuple[JobSpec, Path]:
     """The spec of a job that says what is designed, and the path that its files are relative to.
-
-    Args:
-        job: that states it.
-        verb: that asks.
-        check: further refusals, told with the faults of a file.
 
     Raises:
         JobError: MF105 for an opening or a panel, which are designed already; else as for a job file.
@@ -250,7 +241,6 @@ def given_folder(images: str | Path | None, white: float | None, *, whole: bool 
     """The photographs of a folder; None where none is named, and scenes are drawn.
 
     Args:
-        images: the folder.
         white: light that is white in photographs that hold light, EXR and HDR; None where nobody states it.
         whole: take whole photographs rather than their middle.
 
@@ -286,7 +276,7 @@ def way_round(asked: str | None, job: Job) -> int:
         JobError: MF105 for a name that none has.
     """
     from maskfab.camera.blur import STANDS, stand_named
-    from maskfab.report.rows.optics import sees_mirrored
+    from maskfab.findings.optics import sees_mirrored
 
     if asked is None:
         return STANDS["mirrored" if sees_mirrored(job) else "drawn"]

@@ -33,12 +33,7 @@ _LAYOUTS = "layouts"
 
 @dataclass(frozen=True)
 class Begun(Result):
-    """A folder with a job and everything that it names.
-
-    Attributes:
-        job: the job file.
-        files: all files, the job first.
-    """
+    """A folder with a job and everything that it names."""
 
     job: Path
     files: tuple[Path, ...]
@@ -56,10 +51,8 @@ class Begun(Result):
 class Drawn(Result):
     """An opening that was drawn and written.
 
-    Attributes:
-        path: of its file.
-        opening: what is in it.
-        pixels_across: pixels of the display that the opening's cell holds along its side.
+    opening: what is in it.
+    pixels_across: pixels of the display that the opening's cell holds along its side.
     """
 
     path: Path

@@ -76,10 +76,6 @@ class Camera:
             wavelengths: one or several, that verbs take the camera for; three are red, green and blue. PSF and MTF are
                 had at any other, too.
             window: side of the PSF's window on the sensor.
-
-        Raises:
-            JobError: MF103, MF104, MF105 or MF112 for a value, MF131 or MF132 for the stop; MF156 for a number without
-                a unit that makes no sense, and for a lens that its window cannot lie behind.
         """
         lines = [wavelengths] if is_one(wavelengths) else wavelengths
         if not isinstance(lines, list):
@@ -276,9 +272,6 @@ def _require_directions(camera: Lens) -> None:
 
     Light that leaves the openings at the angle a meets the sensor at f sin a (Goodman, Fourier Optics, 5.2), never
     further out than f.
-
-    Raises:
-        JobError: MF156, with the unit that was likely meant.
     """
     if camera.window_um / 2 <= camera.focal_um:
         return
@@ -327,12 +320,8 @@ class Psf(model.Psf):
         return self.x_um
 
     def to_dataframe(self) -> DataFrame:
-        """The samples as a table: a row for each ``y_um``, a column for each ``x_um``, per square micrometre.
-
-        Raises:
-            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
-        """
-        from maskfab.report.rows.text import dataframe
+        """The samples as a table: a row for each ``y_um``, a column for each ``x_um``, per square micrometre."""
+        from maskfab.report.text import dataframe
 
         table = dataframe(dict(zip(self.x_um.tolist(), self.values.T, strict=True)))
         table.index = self.y_um.tolist()
@@ -397,12 +386,8 @@ class Mtf(model.Mtf):
         return falls_to(presampled_mtf(self.table, self.camera, self.wavelength_nm, (percent,)), percent, None)
 
     def to_dataframe(self) -> DataFrame:
-        """The curves as a table: a row for each frequency, ``frequency_cy_per_mm`` and every cut, ``wavelength_nm``.
-
-        Raises:
-            OutputError: as :func:`maskfab.report.rows.text.dataframe`, without pandas.
-        """
-        from maskfab.report.rows.text import dataframe
+        """The curves as a table: a row for each frequency, ``frequency_cy_per_mm`` and every cut, ``wavelength_nm``."""
+        from maskfab.report.text import dataframe
 
         curves = {"frequency_cy_per_mm": self.frequency_cy_per_mm, **self.cuts}
         return dataframe({**curves, "wavelength_nm": np.full(len(self.frequency_cy_per_mm), self.wavelength_nm)})

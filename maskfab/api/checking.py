@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from maskfab.display.placement import LargestGap
     from maskfab.optics.scene.model_bar import Omission
     from maskfab.optics.scene.plan import Plan
-    from maskfab.report.rows.text import Quantities
-    from maskfab.report.rows.verdicts import Verdicts
+    from maskfab.report.text import Quantities
+    from maskfab.report.verdicts import Verdicts
 
 
 # Each question imports what answers it: a scene is planned in less time than all of it takes to load.
@@ -58,9 +58,7 @@ class DisplayCheck(Result):
     """Feasibility of the displays of a job.
 
     Attributes:
-        built: the plate with emitters and wires, and what was found of each die.
         gaps: widest gap between colours, by die, where it was asked for.
-        digest: of the job.
         reference: die that others are compared with, which may be meant to fail, and is judged only if it is alone.
         unused: keys and tables that the job states and the answer does not depend on.
         notes: by die, that its seed is none of those that its display is known to fit, or that its tiling was assumed.
@@ -84,7 +82,7 @@ class DisplayCheck(Result):
     @property
     def verdicts(self) -> Verdicts:
         """Verdicts on the displays."""
-        from maskfab.report.rows.verdicts import Verdicts
+        from maskfab.report.verdicts import Verdicts
 
         return Verdicts.of((), self.built.displays, len(self.built.plate.dies), self.reference)
 
@@ -126,9 +124,7 @@ class Rendering(Result):
     """Pictures on panels, as the eye sees them.
 
     Attributes:
-        panels: by die.
         samples: along the side of a display pixel.
-        digest: of the job.
         unused: keys and tables that the job states and the pictures do not depend on.
     """
 
@@ -138,7 +134,7 @@ class Rendering(Result):
     unused: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         return Quantities(self.panels[die].quantities)
 
@@ -154,9 +150,6 @@ class Rendering(Result):
         Args:
             out: new folder for emitted light, the image that the eye sees, a comparison and the results.
             progress: told where the work stands.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         from maskfab.report.pages import pictures as render_files
 
@@ -170,13 +163,13 @@ class Rendering(Result):
         return comparison(list(self.panels.values()))
 
     def __str__(self) -> str:
-        from maskfab.report.rows.text import table_lines
+        from maskfab.report.text import table_lines
 
         lines = [line for name, panel in self.panels.items() for line in (name, *table_lines(panel.quantities))]
         return "\n".join([*lines, *in_words(self.unused)])
 
     def _repr_html_(self) -> str:
-        from maskfab.report.rows.text import html_table
+        from maskfab.report.text import html_table
 
         tables = (f"<h4>{name}</h4>{html_table(panel.quantities)}" for name, panel in self.panels.items())
         return "".join([self._shown(), *tables])
@@ -191,7 +184,6 @@ class Plans(Result):
 
     Attributes:
         accuracy: admissible relative L2 error of the PSF.
-        plans: by die.
         omissions: by die; none where neither scene nor blank is stated.
         unused: keys and tables that the job states and the plan does not depend on.
     """
@@ -327,11 +319,7 @@ def check(
 
 
 def _rules(stated: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """Sections that a display is held against.
-
-    Raises:
-        JobError: MF102 for another, or for a key of one.
-    """
+    """Sections that a display is held against."""
     for name in stated or {}:
         if name in _HELD_AGAINST:
             continue

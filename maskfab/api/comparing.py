@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from maskfab.report.documents.report import FinishedReport
     from maskfab.report.figures.sheet import Drawing
     from maskfab.report.pages.compared import Compared
-    from maskfab.report.rows.text import Quantities
+    from maskfab.report.text import Quantities
     from maskfab.runs.as_designed import AsDesigned
 
 PAGE = "compare.html"
@@ -36,10 +36,8 @@ _CONDITIONS = ("sensor", "exposure", "scene", "curves")
 class Comparison(Result):
     """Dies of finished reports, or panels as designed, side by side.
 
-    Attributes:
-        compared: everything that was found.
-        optics: of dies that come from panels, their MTF and numbers, by the names that they are compared under.
-        notes: what was assumed of them.
+    compared: everything that was found.
+    optics: of dies that come from panels, their MTF and numbers, by the names that they are compared under.
     """
 
     compared: Compared
@@ -47,7 +45,7 @@ class Comparison(Result):
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         if die not in self.optics:
             cure = f"Use one of {', '.join(self.optics)}" if self.optics else "Ask the run: run[die]"
@@ -82,12 +80,9 @@ class Comparison(Result):
         """The table that is shown, a row for each die, the best first; :meth:`to_dataframe` has every number.
 
         Gains are means in dB, beside half their interval; numbers that a die has not are missing values.
-
-        Raises:
-            JobError: MF152 without pandas.
         """
         from maskfab.report.pages.compared import compare_records
-        from maskfab.report.rows.text import dataframe
+        from maskfab.report.text import dataframe
 
         table = dataframe(compare_records(self.compared))
         return table.set_index("die")
@@ -97,9 +92,6 @@ class Comparison(Result):
 
         Args:
             out: new folder for a page with the figure.
-
-        Raises:
-            OutputError: MF401 or MF402 if the folder cannot be written, or is not empty.
         """
         from maskfab.report.pages.compared import compare_page
 
@@ -183,8 +175,6 @@ def _jobs(sources: Sequence[Any], camera: Camera | None, beside: Sequence[Finish
     """Jobs of what is no finished report, and what they are called: plates and jobs by themselves, all panels together.
 
     Args:
-        sources: of the caller.
-        camera: of plates and panels.
         beside: finished reports, whose conditions panels are photographed under.
     """
     from maskfab.api.plate import Plate

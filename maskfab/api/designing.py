@@ -58,7 +58,7 @@ from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
 from maskfab.report.pages.design import Made, designed_document, write_design
-from maskfab.report.rows.text import designed_lines
+from maskfab.report.text import designed_lines
 from maskfab.runs.store import of_installation
 
 if TYPE_CHECKING:
@@ -167,9 +167,6 @@ class Design(Result):
             out: folder for page, numbers, opening and map; or file (.toml) for the opening, its map beside it. By
                 default the file that the job names.
             force: replace existing files.
-
-        Raises:
-            OutputError: MF430 for another suffix, MF401 or MF402 for a place that cannot be written.
         """
         target = Path(out)
         if is_folder(target):
@@ -385,11 +382,7 @@ def design(
 
 
 def _refuse(stated: Mapping[str, object], design: str, asked: str) -> None:
-    """Refuse whatever is stated and a kind of design, asked for by a key, has no use for.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse whatever is stated and a kind of design, asked for by a key, has no use for."""
     for key, value in stated.items():
         if value is not None:
             cure = f"Leave {key} out, or {asked}"
@@ -434,11 +427,7 @@ def _counts(start: object, begin: Mask | None) -> dict[str, Any]:
 
 
 def _begun(start: object) -> Mask:
-    """The start of a search, bool [dots, dots].
-
-    Raises:
-        JobError, OpeningError: MF201 to MF203, MF115 for what is no opening.
-    """
+    """The start of a search, bool [dots, dots]."""
     where = "design(): start"
     if isinstance(start, model.Opening):
         return start.mask

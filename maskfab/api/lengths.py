@@ -151,11 +151,7 @@ def wavelengths_nm(value: object, where: str) -> tuple[float, ...]:
 
 
 def _require_usual(number: float, unit: str, of: str, where: str) -> None:
-    """Refuse a number that is far from all things of its kind; one that is no length is refused by who parses it.
-
-    Raises:
-        JobError: MF156, with the unit that was likely meant.
-    """
+    """Refuse a number that is far from all things of its kind; one that is no length is refused by who parses it."""
     usual = USUAL[of]
     if not (math.isfinite(number) and number > 0) or usual.holds(number, unit):
         return

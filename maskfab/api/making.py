@@ -22,6 +22,7 @@ from maskfab.base.model import Quantity
 from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.base.work import Progress, silent
 from maskfab.base.workers import Workers
+from maskfab.findings.foreign import How
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
@@ -31,9 +32,8 @@ from maskfab.mask.package.archive import is_package
 from maskfab.mask.package.pack import verify_package
 from maskfab.optics.metrics import fast_lens
 from maskfab.report.pages.viewer import shown_run, viewer_page
-from maskfab.report.rows.foreign import How
-from maskfab.report.rows.text import Quantities, table_lines
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.text import Quantities, table_lines
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs import pipeline, verification
 from maskfab.runs.forecast import Forecast
 from maskfab.runs.forecast import dry_run as forecast_run
@@ -315,8 +315,6 @@ def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[
     """Refuse what cannot be said of the folder, package or file that is verified.
 
     Args:
-        stated: arguments of :func:`verify` by name, None where left out.
-        subject: what is verified.
         spelt: how the caller's user writes an argument.
 
     Raises:
@@ -366,14 +364,7 @@ def _meant(file: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True, repr=False)
 class View(Result):
-    """A page that shows a plate.
-
-    Attributes:
-        path: of the page.
-        mask_file: name of the mask file whose polygons it shows.
-        sha256: of that file.
-        bytes: of the page.
-    """
+    """A page that shows a plate."""
 
     path: Path
     mask_file: str

@@ -37,6 +37,7 @@ from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.measurement import Measured, light_of, measured, seen_light
 from maskfab.camera.inspection.verdict import Answer, Promise, Verdict
 from maskfab.camera.sensor import counted
+from maskfab.findings.optics import sees_mirrored
 from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
@@ -51,8 +52,7 @@ from maskfab.report.pages.measured import (
     write_capture,
     write_measured,
 )
-from maskfab.report.rows.optics import sees_mirrored
-from maskfab.report.rows.text import Quantities
+from maskfab.report.text import Quantities
 
 if TYPE_CHECKING:
     from maskfab.report.figures.sheet import Drawing
@@ -63,13 +63,7 @@ _LEAST_WINDOW, _MOST_WINDOW = 32, 400
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Measurement(FolderResult):
-    """A capture and what it tells of the plate.
-
-    Attributes:
-        found: everything.
-        digest: of the job.
-        notes: what a user should know, as sentences.
-    """
+    """A capture and what it tells of the plate."""
 
     found: Measured
     digest: str
@@ -233,11 +227,7 @@ answers(measure)(saved_at)
 
 
 def _noise(gain: float | None, read_noise: float | None, known: tuple[float, float] | None) -> tuple[float, float]:
-    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames or a sensor told.
-
-    Raises:
-        JobError: MF105 if neither does.
-    """
+    """Electrons for each count, and the read noise in electrons: as stated, else as two frames or a sensor told."""
     if known is not None:
         gain = known[0] if gain is None else gain
         read_noise = known[1] if read_noise is None else read_noise

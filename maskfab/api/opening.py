@@ -249,11 +249,7 @@ class Opening(model.Opening):
 
     @checked_arguments
     def save(self, path: str | Path) -> Path:
-        """Write it as a readable file (.toml); an earlier file is replaced.
-
-        Raises:
-            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
-        """
+        """Write it as a readable file (.toml); an earlier file is replaced."""
         from maskfab.base.folders import write_text
 
         target = Path(path)

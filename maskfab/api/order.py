@@ -451,7 +451,7 @@ def _pack(asked: Asked) -> Told:
     lines = [str(finding) for finding in package.findings]
     heard = _verdict(package.findings, shop.name, package.mail, package.refused_by)
     if package.checks:
-        from maskfab.report.rows.verdicts import Verdicts
+        from maskfab.report.verdicts import Verdicts
 
         heard += tuple(
             verdict_lines(package.checks, Verdicts.of(package.checks, {}, 0, house=package.path is not None))
@@ -464,7 +464,7 @@ def _pack(asked: Asked) -> Told:
 
 
 def _packed(package: Package, shop: Shop) -> dict[str, Any]:
-    from maskfab.report.rows.text import quantity_document
+    from maskfab.report.text import quantity_document
 
     return {
         "verdict": "pass" if package.path is not None else "fail",

@@ -31,9 +31,7 @@ from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Score, ScoreTable, Shot, truth_of
-from maskfab.job.reference import USES, in_words, unused
-from maskfab.mask.job import Job
-from maskfab.report.rows.photographs import (
+from maskfab.findings.photographs import (
     LEARNED,
     Conditions,
     Light,
@@ -44,6 +42,8 @@ from maskfab.report.rows.photographs import (
     trade_of,
     uses_of,
 )
+from maskfab.job.reference import USES, in_words, unused
+from maskfab.mask.job import Job
 
 if TYPE_CHECKING:
     from maskfab.camera.learning import Checkpoint
@@ -116,10 +116,6 @@ class Simulation(Result):
         Args:
             out: PNG to write of the truth and each die, one row for each level of light.
             force: replace an existing picture.
-
-        Raises:
-            JobError: MF105 if no pictures were kept.
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         write_bytes(Path(out), self.picture(), replace=force)
         return [Path(out)]
@@ -279,11 +275,7 @@ def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, b
 def _restorers(
     asked: Conditions, names: str | Sequence[str] | None, *, learned: bool
 ) -> tuple[tuple[Restorer, ...], bool]:
-    """Those that are named but learned ones, as :meth:`maskfab.report.rows.photographs.Conditions.restorers`.
-
-    Raises:
-        JobError: MF105 for a learned one that nothing holds, or as there.
-    """
+    """Those that are named but learned ones, as :meth:`maskfab.findings.photographs.Conditions.restorers`."""
     given = (names,) if isinstance(names, str) else names
     if given is None or LEARNED not in given:
         return asked.restorers(given)
@@ -297,12 +289,7 @@ def _restorers(
 def _designs(
     job: Job, asked: Conditions, panels: Mapping[str, Panel], *, named: bool
 ) -> tuple[list[tuple[Design, tuple[str, ...]]], dict[str, JobError]]:
-    """Dies as they are photographed, with sentences on what is left out; and why others cannot be.
-
-    Raises:
-        JobError: for the first that cannot be where dies are ``named``; where none can, as the first if all are refused
-            for one reason, MF122 for several.
-    """
+    """Dies as they are photographed, with sentences on what is left out; and why others cannot be."""
     ready, refused = [], dict[str, JobError]()
     for name, panel in panels.items():
         try:

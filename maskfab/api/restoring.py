@@ -36,11 +36,11 @@ from maskfab.camera.photo import (
 from maskfab.camera.protocol import AUTO
 from maskfab.camera.registration import RegisteredPhoto, brought
 from maskfab.camera.restorers import named
+from maskfab.findings.photographs import Conditions, Surroundings
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.optics.colour import code_of_light
 from maskfab.report.pages.restored import PAGE, restored_page
-from maskfab.report.rows.photographs import Conditions, Surroundings
 
 
 @checked_arguments

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from maskfab.base.model import Quantity
     from maskfab.report.figures.sheet import Drawing
-    from maskfab.report.rows.text import Quantities
-    from maskfab.report.rows.verdicts import Verdicts
+    from maskfab.report.text import Quantities
+    from maskfab.report.verdicts import Verdicts
 
 
 Hint = TypeVar("Hint")
@@ -41,7 +41,7 @@ class Result:
     @property
     def numbers(self) -> Quantities:
         """Every reported number."""
-        from maskfab.report.rows.text import Quantities
+        from maskfab.report.text import Quantities
 
         return Quantities(())
 
@@ -54,12 +54,8 @@ class Result:
         return self.numbers.to_dict()
 
     def to_dataframe(self) -> DataFrame:
-        """The rows as a table.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
-        from maskfab.report.rows.text import dataframe
+        """The rows as a table."""
+        from maskfab.report.text import dataframe
 
         return dataframe([dict(row) for row in self.rows()])
 
@@ -96,9 +92,6 @@ class FolderResult(Result):
         Args:
             out: the directory.
             force: replace an earlier result.
-
-        Raises:
-            OutputError: MF401 or MF402 for a place that cannot be written.
         """
         return self._write(check_target(Path(out), force=force))
 
@@ -111,14 +104,11 @@ class Asked:
     """A command as it was typed.
 
     Attributes:
-        function: that does the work.
         stated: its arguments, but for those that were left out.
-        words: of the command line, after ``maskfab``.
         out: where the result is saved; None for nowhere.
         force: whether an earlier result may be replaced.
         as_json: whether a document is wanted.
         quiet: whether progress is not.
-        attended: whether a person sits at the terminal.
         progress: told where the work stands.
         tell: says a line on stderr at once.
         prompt: asks a person for a line of text.
@@ -216,7 +206,7 @@ def saved_at(asked: Asked) -> Told:
 
 def verdict_lines(checks: Iterable[Quantity], verdicts: Verdicts) -> list[str]:
     """Every failed check, every note, which has no verdict, and the five verdicts."""
-    from maskfab.report.rows.text import note_lines, place_text
+    from maskfab.report.text import note_lines, place_text
 
     lines = []
     for check in checks:

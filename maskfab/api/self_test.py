@@ -26,7 +26,7 @@ from maskfab.job.values import FileFormat
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import PsfFile, check_psf_file, psf_facts
 from maskfab.mask.formats.table import FORMATS, require_packages
-from maskfab.report.rows.text import dataframe
+from maskfab.report.text import dataframe
 from maskfab.runs.plate_files import draw_files
 
 _WORKS = "works"

@@ -14,12 +14,12 @@ from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.work import Progress, silent
 from maskfab.base.workers import Workers
+from maskfab.findings import study as studies
+from maskfab.findings.photographs import learned_restorers, read_checkpoints
+from maskfab.findings.study import Claim
 from maskfab.job.reference import in_words
 from maskfab.mask.job import masks_in, with_masks
 from maskfab.report.pages.study import study_document, study_lines, write_study
-from maskfab.report.rows import study as studies
-from maskfab.report.rows.photographs import learned_restorers, read_checkpoints
-from maskfab.report.rows.study import Claim
 from maskfab.runs.store import of_installation
 
 

@@ -172,7 +172,7 @@ def _scene_s(_die: Any, _camera: Any, scene: Any, _openings: Any, plan: Any, *_:
 
 def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any) -> float:
     """Bytes of a process that keeps the memory of photographs; those of a series take more."""
-    peak_bytes = function_of("report.rows.scene.peak_bytes")  # which loads all that scenes need
+    peak_bytes = function_of("findings.scene.peak_bytes")  # which loads all that scenes need
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     return float(
         _PHOTOGRAPHS_BYTES + peak_bytes(die, camera, scene, plan) + 9e6 * (2 * side * plan.fullest.oblique) ** 2
@@ -259,7 +259,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "optics",
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.BLANK),
-        ("report.rows.optics.measure_with_bar",),
+        ("findings.optics.measure_with_bar",),
         rows=(
             "open_ratio stop_open_ratio auc_radial_min mtf[0-9{]* mtf_worst_* mtf_aliasing mtf_phase_range "
             "wiener_* psf_energy_in_window ensquared_energy halo_energy *side_lobe streak_index "
@@ -277,7 +277,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "scene",
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.SCENE, Need.BLANK),
-        ("report.rows.scene.measure_scene",),
+        ("findings.scene.measure_scene",),
         sweep="runs.sweep_cases.scene",
         gives=("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
         rows="plan_error_measured field_mtf_* field_restored_loss nearest_object",
@@ -288,7 +288,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "photographs",
         (Need.PANEL, Need.CAMERA, Need.SCENE),
-        ("report.rows.photographs.photograph_die",),
+        ("findings.photographs.photograph_die",),
         sweep="runs.sweep_cases.photographs",
         gives=("restored_psnr",),
         rows="restored_* photograph* predicted_psnr",
@@ -304,7 +304,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "process",
         (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.PROCESS),
-        ("report.rows.as_written.measure_written", "report.rows.bands.band_quantities"),
+        ("findings.as_written.measure_written", "findings.bands.band_quantities"),
         rows=(
             "written_* band_stop_open_ratio band_auc_radial_min band_mtf* band_psf_shape band_halo_energy "
             "band_led_footprint sensitivity_psf_shape"
@@ -316,7 +316,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "tolerance",
         (Need.PANEL, Need.CAMERA, Need.PROCESS, Need.PHOTOGRAPHS),
-        ("report.rows.bands.restored_expansion",),
+        ("findings.bands.restored_expansion",),
         rows="band_restored_* sensitivity_restored_psnr",
         noisy=True,
         seconds=(_always(6.0),),

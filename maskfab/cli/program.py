@@ -16,7 +16,6 @@ import typer
 
 import maskfab
 from maskfab.base.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
-from maskfab.cli import old_names
 from maskfab.cli.command import JSON, QUIET, Command, command_of, summary_of, tables
 from maskfab.cli.printing import one_line, print_json, print_told, progress_bar, tell
 from maskfab.mask.limits import limit_in_force
@@ -104,21 +103,17 @@ def run_command_line(arguments: Sequence[str]) -> int:
 
 
 def _run(words: list[str]) -> int:
-    new = old_names.renewed(words)
-    if new is not None:
-        tell(old_names.told(words, new))
-    now = words if new is None else new
     completing = "_MASKFAB_COMPLETE" in os.environ
-    if not completing and now[:1] in ([], ["--help"]):
-        typer.echo(overview(), err=not now)
-        return 0 if now else 2
-    name = next((verb for verb in VERBS if verb.split() == now[: verb.count(" ") + 1]), None)
-    alike = tuple(verb for verb in VERBS if verb.split()[:1] == now[:1])
+    if not completing and words[:1] in ([], ["--help"]):
+        typer.echo(overview(), err=not words)
+        return 0 if words else 2
+    name = next((verb for verb in VERBS if verb.split() == words[: verb.count(" ") + 1]), None)
+    alike = tuple(verb for verb in VERBS if verb.split()[:1] == words[:1])
     chosen = VERBS if completing or not alike else (name,) if name else alike
     program: Any = typer.main.get_command(
-        _app(chosen, complete=completing or now[:1] in ([option] for option in _COMPLETION))
+        _app(chosen, complete=completing or words[:1] in ([option] for option in _COMPLETION))
     )
-    if name is not None and now[name.count(" ") + 1 :] == ["--help"]:
+    if name is not None and words[name.count(" ") + 1 :] == ["--help"]:
         # Without the library that typer reads arguments with.
         context, command = typer.Context(program, info_name="maskfab"), program
         for word in name.split():
@@ -126,7 +121,7 @@ def _run(words: list[str]) -> int:
             context = typer.Context(command, info_name=word, parent=context)
         typer.echo(command.get_help(context))
         return 0
-    code = program.main(now, prog_name="maskfab", standalone_mode=False, obj=words)
+    code = program.main(words, prog_name="maskfab", standalone_mode=False, obj=words)
     return code if isinstance(code, int) else 0
 
 

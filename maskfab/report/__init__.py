@@ -1,7 +1,7 @@
-"""Numbers of a plate, the documents and figures that hold them, and the pages that people read.
+"""Words, tables and figures of what was found: documents and figures that hold numbers, and pages that people read.
 
-``rows`` measures, from the polygons that were read back; ``documents`` are the JSON that programs read, with their
-schemas; ``figures`` draw; ``pages`` are made from documents and figures alone. What a number means is in
-:mod:`maskfab.base.quantities`, and whether files are the design's is told in :mod:`maskfab.mask`. Every room below is
-imported; runs, which decide what is computed, and the door are not.
+``text`` words a number and ``verdicts`` a plate; ``documents`` are the JSON that programs read, with their schemas;
+``figures`` draw; ``pages`` are made from documents and figures alone. Numbers are found in :mod:`maskfab.findings`, and
+what each means is in :mod:`maskfab.base.quantities`. Every room below is imported; runs, which decide what is computed,
+and the door are not.
 """

@@ -38,6 +38,16 @@ from maskfab.designs.search.scan import scanned
 from maskfab.display.drive import lives
 from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.display.limits import DEFAULT_LIFE
+from maskfab.findings import photographs
+from maskfab.findings.optics import plate_as_seen
+from maskfab.findings.photographs import (
+    Conditions,
+    Photographs,
+    Restored,
+    Surroundings,
+    middle_level,
+    photograph_die,
+)
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.reference import USES, in_words, unused
@@ -49,16 +59,6 @@ from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
 from maskfab.mask.panels import map_text
 from maskfab.report.pages.advice import Advised, Reach, laid_db
-from maskfab.report.rows import photographs
-from maskfab.report.rows.optics import plate_as_seen
-from maskfab.report.rows.photographs import (
-    Conditions,
-    Photographs,
-    Restored,
-    Surroundings,
-    middle_level,
-    photograph_die,
-)
 from maskfab.runs.stages import PendingPhotographs
 
 _TASKS = 3
@@ -134,13 +134,9 @@ def advise(
     """Find what should be built for a job's display.
 
     Args:
-        stated: a validated job with [design], [emitters], [plate] and a die to compare with.
         path: the job, for errors; its files are named from its folder.
         images: folder of photographs to design for; synthetic scenes if None.
         clock: of the budget; whoever ends it early gets the best so far, photographed.
-
-    Raises:
-        JobError: as :func:`searched`, MF152 without torch, and for a light, a camera or a plate that cannot be.
     """
     require("design", what="advice on a design", where=str(path))
     spec, section = searched(stated, str(path))

@@ -32,11 +32,7 @@ _COLUMNS = ("die", "name", "value", "error", "unit", "limit", "passed", "wavelen
 
 
 def check_agreement(folder: Path) -> int:
-    """Hold what a folder's texts say against one another; returns how many numbers were compared.
-
-    Raises:
-        InternalError: MF329 for the first number that one of them tells otherwise.
-    """
+    """Hold what a folder's texts say against one another; returns how many numbers were compared."""
     report = json.loads((folder / REPORT).read_text("utf-8"))
     _check_provenance(folder, report)
     rows = [_told(die["name"], row) for die in report["dies"] for row in (*die["quantities"], *_of_scene(die))]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from maskfab.base.model import Die, DieOptics, Mtf, Panel, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.findings.photographs import Conditions, Photographs, Surroundings, photograph_die
 from maskfab.job.camera import Camera
 from maskfab.job.die import check_lens, check_pupil
 from maskfab.job.sections import AssumedPlate
@@ -23,7 +24,6 @@ from maskfab.optics.mtf import longest_lag_um, presampled_mtf, worst_directions
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.report.documents.die import photographs_document
 from maskfab.report.documents.report import FinishedReport, designed_document
-from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,6 @@ class AsDesigned:
 @one_thread
 def as_designed(job: Job, name: str, progress: Progress = silent) -> AsDesigned:
     """Measure and photograph the dies of a job.
-
-    Args:
-        job: with camera, sensor, exposure and scene.
-        name: of the report.
-        progress: told where the work stands.
 
     Raises:
         JobError: MF114 for a panel smaller than the stop, MF115 for one too fine; MF140, MF141 for a sensor or a light

@@ -22,13 +22,13 @@ from maskfab.base.work import silent
 from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.die_transfer import MOST_ACROSS, too_fine
 from maskfab.display.feasibility import displays
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
 from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.solid import mesh_vertices
 from maskfab.mask.houses.files import PlateFiles
 from maskfab.mask.job import Job
 from maskfab.report.documents.die import measured_beside
 from maskfab.report.pages.front import shown_count
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
 from maskfab.runs import pipeline
 from maskfab.runs.plate_files import draw_files
 from maskfab.runs.recall import kind_of, origin_of
@@ -296,11 +296,7 @@ class _ForecastExecutor(SerialExecutor):
         self._seen: list[tuple[bool, float, float]] = []
 
     def run(self, function: Callable[..., Found], *given: Any) -> Found:
-        """A kept finding.
-
-        Raises:
-            _NotKeptError: if it is not.
-        """
+        """A kept finding."""
         entry = self._look(function, given)
         if entry is None:
             raise _NotKeptError
@@ -312,11 +308,7 @@ class _ForecastExecutor(SerialExecutor):
         return Task(call, self)
 
     def run_all(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Task[Found]]:
-        """Tasks whose findings are all kept.
-
-        Raises:
-            _NotKeptError: if one is not.
-        """
+        """Tasks whose findings are all kept."""
         entries = [self._look(call.function, call.given()) for call in calls]
         if any(entry is None for entry in entries):
             raise _NotKeptError

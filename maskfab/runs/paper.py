@@ -30,11 +30,7 @@ _CURE = f"Install Chromium, Chrome or Edge, or leave --pdf out and print {PAGE} 
 
 
 def browser() -> str:
-    """Path of the browser that prints.
-
-    Raises:
-        OutputError: MF438 if none of :data:`BROWSERS` is installed.
-    """
+    """Path of the browser that prints."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if found is None:
         raise OutputError("MF438", f"none of {', '.join(BROWSERS)} is on the PATH", where="--pdf", cure=_CURE)
@@ -43,10 +39,6 @@ def browser() -> str:
 
 def print_report(folder: Path, program: str) -> None:
     """Print the page of a finished folder into it, and add it to the manifest.
-
-    Args:
-        folder: with page and manifest.
-        program: a browser, as :func:`browser` finds it.
 
     Raises:
         OutputError: MF439 if the browser does not print.

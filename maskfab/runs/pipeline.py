@@ -16,13 +16,13 @@ from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.display.feasibility import displays, plate_of
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
+from maskfab.findings.photographs import Conditions
 from maskfab.job.faults import JobFaults
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.job import Job, load_job
 from maskfab.report.documents.die import Beside, measured_beside
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
-from maskfab.report.rows.photographs import Conditions
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.agreement import check_agreement
 from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (
@@ -66,18 +66,12 @@ def run(
 ) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
-    Args:
-        job: a loaded job, or the path of a job file.
-        out: output directory; it appears when everything in it is complete.
-        force: replace an earlier result in ``out``.
-        progress: told where the work stands.
-        cache: what earlier runs have found, and where this one keeps what it finds; None for a run that finds
-            everything itself. The files are the same to the last bit.
-        pdf: print the report, too.
-        workers: who shares the work; the files do not show it.
-
-    Raises:
-        InputError: for bad input, before anything is written.
+    job: a loaded job, or the path of a job file.
+    out: output directory; it appears when everything in it is complete.
+    cache: what earlier runs have found, and where this one keeps what it finds; None for a run that finds
+        everything itself. The files are the same to the last bit.
+    pdf: print the report, too.
+    workers: who shares the work; the files do not show it.
     """
     job = job if isinstance(job, Job) else load_job(job, plate_to_make)
     place = check_target(Path(out), force=force)
@@ -96,10 +90,6 @@ def run(
 
 def plate_to_make(job: Job, faults: JobFaults) -> Plate | None:
     """The plate of a job, and all that a run refuses of it before any die is worked on.
-
-    Args:
-        job: the job, of which what is at fault may be unreadable.
-        faults: gets what is refused.
 
     Returns:
         The plate; None where it cannot be laid out.
@@ -201,12 +191,7 @@ class _Made:
 
 
 def origin_of_run(job: Job, measured: Beside | None) -> Origin:
-    """Everything that the files of a run depend on.
-
-    Args:
-        job: that asks for it.
-        measured: beside it, see :func:`measured_beside`.
-    """
+    """Everything that the files of a run depend on."""
     given = run, job_text(job), *(() if measured is None else (measured.content,))
     return Origin("run", (of_installation(), *map(fingerprint, given)))
 

@@ -21,6 +21,10 @@ from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.findings.bands import (
+    ProcessSpread,
+    check_spread,
+)
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
@@ -43,10 +47,6 @@ from maskfab.mask.rule import RuleResult
 from maskfab.mask.writer import check_bias, check_process
 from maskfab.report.documents.die import DOCUMENT as MEASURED
 from maskfab.report.documents.die import Beside
-from maskfab.report.rows.bands import (
-    ProcessSpread,
-    check_spread,
-)
 
 MANIFEST_VERSION = 1
 MAX_MARKERS = 1000
@@ -59,9 +59,6 @@ def draw_files(
     """The files that a job's plate becomes, and what they are held against; the optics come from the first.
 
     Args:
-        job: a loaded job.
-        plate: as :meth:`maskfab.mask.job.Job.plate` lays it out.
-        version: of maskfab that signs it.
         displays: what was found of the display of each die, which the plate shows; None for a plate without.
     """
     shop = named_shop(job)
@@ -115,11 +112,7 @@ def write_files(
 
 
 def read_own(made: PlateFiles, folder: Path, progress: Progress, costs: Costs | None = None) -> ReadBack:
-    """The files of a folder read back, of a run that wrote them and of one that took them from the cache.
-
-    Raises:
-        InternalError: MF324 for a damaged one, which is no fault of the input.
-    """
+    """The files of a folder read back, of a run that wrote them and of one that took them from the cache."""
     try:
         return read_back(made, folder, progress, costs=costs)
     except SourceError as error:
@@ -195,20 +188,12 @@ def check_rules(job: Job, plate: Plate) -> tuple[RuleResult, ...]:
 
 
 def named_shop(job: Job) -> Shop | None:
-    """The mask house that the job names; None if it names none.
-
-    Raises:
-        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
-    """
+    """The mask house that the job names; None if it names none."""
     return shop_of(job.spec, job.where)
 
 
 def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
-    """The rules of the mask house that the job names, each a check of the files as drawn; none if it names none.
-
-    Raises:
-        OutputError: MF420 or MF421 as of :func:`named_shop`.
-    """
+    """The rules of the mask house that the job names, each a check of the files as drawn; none if it names none."""
     shop = named_shop(job)
     if shop is None:
         return ()
@@ -228,11 +213,7 @@ def process_spread(job: Job) -> ProcessSpread:
 
 
 def check_processes(job: Job, plate: Plate) -> None:
-    """Refuse a [process] that the dots of a die do not bear, or biased data of it, before anything is drawn.
-
-    Raises:
-        JobError: MF104 or MF127.
-    """
+    """Refuse a [process] that the dots of a die do not bear, or biased data of it, before anything is drawn."""
     if job.spec.written is not None:
         for die in plate.dies:
             place = f"{job.where}: process, die {die.name}"
@@ -245,11 +226,6 @@ def check_processes(job: Job, plate: Plate) -> None:
 def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None = None) -> None:
     """Refuse pixels and dots that are larger than the smallest feature of a die, dots of which there are too many, and
     either of biased data, before anything is drawn.
-
-    Args:
-        job: whose plate it is.
-        plate: its dies.
-        formats: to be written; by default those of the job.
 
     Raises:
         JobError: MF104, MF128.
@@ -269,10 +245,6 @@ def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None 
 
 
 def check_packages(job: Job) -> None:
-    """Refuse formats that this installation could not write, or not read back.
-
-    Raises:
-        MissingPackageError: MF152.
-    """
+    """Refuse formats that this installation could not write, or not read back."""
     formats = written_formats(job.spec.export or ExportSection(), named_shop(job))
     require_packages(formats, where=f"{job.where}: export.formats", otherwise="leave these formats out")

@@ -30,13 +30,7 @@ class Recalled(Generic[Found]):
 
 
 class CachingExecutor(SerialExecutor):
-    """An executor whose findings are kept, each as soon as it is found, by whichever process found it.
-
-    Args:
-        executor: does what is not kept.
-        store: keeps it.
-        expected: kept with each finding, beside what it took.
-    """
+    """An executor whose findings are kept, each as soon as it is found, by whichever process found it."""
 
     def __init__(self, executor: SerialExecutor, store: Store, expected: Expected | None = None) -> None:
         self._executor, self._recall = executor, partial(recalled, store, expected)
@@ -97,11 +91,7 @@ class _Unwrapped(Task[Found]):
 
 
 def recalled(store: Store, expected: Expected | None, function: Callable[..., Found], *given: Any) -> Recalled[Found]:
-    """The finding of a function of a module, which depends on its arguments alone; kept if they have a fingerprint.
-
-    Raises:
-        Exception: that of the function, which is not kept.
-    """
+    """The finding of a function of a module, which depends on its arguments alone; kept if they have a fingerprint."""
     try:
         origin, kind = origin_of(function, *given), kind_of(function)
     except TypeError:
@@ -118,20 +108,12 @@ def recalled(store: Store, expected: Expected | None, function: Callable[..., Fo
 
 
 def origin_of(function: Callable[..., Any], *given: object) -> Origin:
-    """Everything that the finding of a function of a module depends on.
-
-    Raises:
-        TypeError: for an argument that has no fingerprint.
-    """
+    """Everything that the finding of a function of a module depends on."""
     return Origin(words(function), (of_installation(), *map(fingerprint, (function, *given))))
 
 
 def kind_of(function: Callable[..., Any]) -> Any:
-    """Kind of the findings of a function, as it states it.
-
-    Raises:
-        TypeError: if it states none.
-    """
+    """Kind of the findings of a function, as it states it."""
     return _stated_kind(function.func if isinstance(function, partial) else function)
 
 

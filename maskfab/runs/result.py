@@ -15,6 +15,12 @@ from maskfab.base.model import Die, DieOptics, Plate, Quantity, Report, WrittenF
 from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Progress, silent
 from maskfab.display.feasibility import PlateWithDisplays, display_rules
+from maskfab.findings.as_written import Written, measure_written
+from maskfab.findings.bands import Expansion, restored_bands
+from maskfab.findings.display import display_quantities, footprint_band
+from maskfab.findings.optics import measure_with_bar, view_rows
+from maskfab.findings.photographs import Photographs, Surroundings, photograph_die
+from maskfab.findings.scene import SceneOptics
 from maskfab.job.reference import USES, unused
 from maskfab.mask.job import Job
 from maskfab.mask.plate_rules import judged, smallest_features
@@ -22,7 +28,6 @@ from maskfab.optics.mtf import area_under_radial_min, worst_directions
 from maskfab.report.documents import die as die_data
 from maskfab.report.documents import report as report_data
 from maskfab.report.documents.die import Beside
-from maskfab.report.documents.display import display_quantities, footprint_band
 from maskfab.report.documents.numbers import numbers_text
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
@@ -33,13 +38,8 @@ from maskfab.report.pages import front
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 from maskfab.report.pages.viewer import MOST_BYTES, mask_file, shown_plate, viewer_page
-from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import Expansion, restored_bands
-from maskfab.report.rows.optics import measure_with_bar, view_rows
-from maskfab.report.rows.photographs import Photographs, Surroundings, photograph_die
-from maskfab.report.rows.scene import SceneOptics
-from maskfab.report.rows.text import Quantities, note_lines
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.text import Quantities, note_lines
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.plate_files import named_shop, process_spread
 
 if TYPE_CHECKING:
@@ -61,8 +61,6 @@ class Result:
     ``result["DIE"]`` are the numbers of a die, ``result["DIE"]["mtf50", 530]`` one of them.
 
     Attributes:
-        directory: of its files.
-        report: all that was found out.
         verdicts: whether the plate can be ordered, its optics are proved, and displays fit, look and live.
         taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
         accounts: where every finding comes from; none for a run without a cache.
@@ -126,11 +124,7 @@ class Result:
         return document
 
     def to_dataframe(self) -> DataFrame:
-        """One row for each number of each die and of the plate.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
+        """One row for each number of each die and of the plate."""
         return self._every.to_dataframe()
 
     @property
@@ -154,11 +148,7 @@ class PlateFindings:
     """Everything that was found out about a plate.
 
     Attributes:
-        job: that asks for it.
-        built: the plate, and its displays.
         read: rows of what reading files back has shown, and the shop's rules.
-        optics: of every die.
-        scenes: through every die; none for a job without a scene.
         restored: photographs through all dies.
         written: dies as their writer makes them, by name.
         changes: of restored photographs over the spread of the process, by die; none without a spread.

@@ -14,6 +14,11 @@ from maskfab.base.model import Die, DieOptics, Plate, Quantity
 from maskfab.base.processes import ArgumentsFactory, Call, Found, SerialExecutor, Task
 from maskfab.base.work import Progress
 from maskfab.base.workers import EVERY_CORE, Workers
+from maskfab.findings.as_written import Written, measure_written
+from maskfab.findings.bands import Expansion, band_quantities, restored_expansion
+from maskfab.findings.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
+from maskfab.findings.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
+from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.job import Job
@@ -21,11 +26,6 @@ from maskfab.mask.layout import clear_shapes
 from maskfab.mask.raster import light_box
 from maskfab.optics.scene.plan import Plan
 from maskfab.report.documents import die as die_data
-from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.bands import Expansion, band_quantities, restored_expansion
-from maskfab.report.rows.optics import measure_with_bar, plate_as_seen, reach_box, read_openings
-from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings, photograph_die
-from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.plate_files import process_spread
 from maskfab.runs.recall import CachingExecutor
 from maskfab.runs.store import Store
@@ -35,13 +35,7 @@ MIN_DIES_TO_FORK = 4
 
 
 def executor_of(job: Job, cache: Store | None = None, workers: Workers = EVERY_CORE) -> SerialExecutor:
-    """Who makes a plate: this process alone where its dies are too few to be worth starting another.
-
-    Args:
-        job: asks for it.
-        cache: what they need not find, and where they keep what they find.
-        workers: as many as may share it.
-    """
+    """Who makes a plate: this process alone where its dies are too few to be worth starting another."""
     executor = workers.executor(tasks_at_once(job))
     return executor if cache is None else CachingExecutor(executor, cache, expected)
 
@@ -139,10 +133,8 @@ class PendingPhotographs:
     """Photographs that are being taken.
 
     Attributes:
-        conditions: of all.
         tasks: by die.
         reference: die that the job names as such.
-        executor: takes them.
     """
 
     conditions: Conditions
@@ -232,11 +224,7 @@ def measure_process(
     seconds: dict[str, float] | None = None,
     executor: SerialExecutor | None = None,
 ) -> dict[str, Written]:
-    """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process.
-
-    Raises:
-        JobError: MF104, MF127 or MF115 for a process that does not go with a die.
-    """
+    """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process."""
     process = job.spec.written
     if process is None:
         return {}

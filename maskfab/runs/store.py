@@ -49,9 +49,6 @@ def fingerprint(*values: object) -> str:
     """Hexadecimal SHA-256 of values and of their types.
 
     The order of a mapping counts: what is made of it may be in that order.
-
-    Raises:
-        TypeError: for a value that may be more than its fields show.
     """
     total = hashlib.sha256()
     for value in values:
@@ -312,11 +309,7 @@ class Store:
         return since
 
     def give_file(self, sha256: str, path: Path) -> bool:
-        """Copy a kept file to ``path``; False, and nothing there, if it is not kept or no longer what it was.
-
-        Raises:
-            OSError: if ``path`` cannot be written.
-        """
+        """Copy a kept file to ``path``; False, and nothing there, if it is not kept or no longer what it was."""
         own = self._path(sha256)
         try:
             source = self._opened(own)
@@ -355,12 +348,7 @@ class Store:
                         copy.write(some)
 
     def _opened(self, path: Path) -> BinaryIO:
-        """An entry for reading, of which every level is the owner's alone.
-
-        Raises:
-            OSError: if it cannot be opened.
-            _RefusedError: if others may write it, or a folder that leads to it.
-        """
+        """An entry for reading, of which every level is the owner's alone."""
         for folder, status in ((self.folder, self.folder.stat()), (path.parent, path.parent.lstat())):
             if not stat.S_ISDIR(status.st_mode):
                 raise _RefusedError(f"{folder.name} is no folder")
@@ -378,11 +366,7 @@ class Store:
         return stream
 
     def _room(self, key: str) -> Path:
-        """Place of an entry, in a folder that is its owner's alone from now on.
-
-        Raises:
-            OSError: if there is none.
-        """
+        """Place of an entry, in a folder that is its owner's alone from now on."""
         path = self._path(key)
         path.parent.mkdir(exist_ok=True, mode=0o700)
         if path.parent.lstat().st_mode & _OTHERS:
@@ -428,11 +412,7 @@ class Store:
 
 
 def _require_own(status: os.stat_result, what: str) -> None:
-    """Refuse what is not this account's, or may be written by others.
-
-    Raises:
-        _RefusedError: which says so.
-    """
+    """Refuse what is not this account's, or may be written by others."""
     if hasattr(os, "getuid"):
         if status.st_uid != os.getuid():
             raise _RefusedError(f"{what} belongs to another account")
@@ -491,9 +471,6 @@ def give_result(store: Store, origin: Origin, folder: Path, kind: Any) -> KeptFi
     Returns:
         The summary that was kept with it. None if nothing is kept of that origin, or its entry is refused, or a file of
         it is lost or damaged; the folder is then empty again.
-
-    Raises:
-        OSError: if a file cannot be written.
     """
     entry = store.get(origin, tuple[dict[str, str], kind])
     if not isinstance(entry, KeptFinding):

@@ -28,11 +28,7 @@ CASES = "cases"
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that holds something else than a sweep.
-
-    Raises:
-        OutputError: MF401 for what is no folder, MF402 for a strange one.
-    """
+    """Refuse a folder that holds something else than a sweep."""
     try:
         if out.exists() and any(out.iterdir()) and not (out / CASES).is_dir():
             what = f"the directory {out} is not empty and holds no sweep"
@@ -54,9 +50,6 @@ def made(
 
     Args:
         engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.workers_of`.
-
-    Raises:
-        OutputError: MF401, MF402 for a folder that cannot be used; else as for the engine.
     """
     check_folder(out)
     folder = out / CASES
@@ -118,11 +111,7 @@ def rows_of(swept: Swept) -> Iterator[dict[str, Any]]:
 
 
 def write_sweep(out: Path, swept: Swept) -> list[Path]:
-    """Write page and tables into the sweep's folder, beside its cases; what is there and still true stays.
-
-    Raises:
-        OutputError: MF401 if they cannot be written.
-    """
+    """Write page and tables into the sweep's folder, beside its cases; what is there and still true stays."""
     paths = [out / PAGE, out / DOCUMENT, out / TABLE]
     document = json.dumps(sweep_document(swept), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     unchanged = not swept.remade and all(path.is_file() for path in paths)

@@ -26,6 +26,10 @@ from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import display_rules, feasibility, map_sizes
 from maskfab.display.limits import judgement
+from maskfab.findings.as_written import measure_written, written_psf_quantities
+from maskfab.findings.display import display_quantities
+from maskfab.findings.photographs import Conditions, Photographs, Surroundings, photograph_die
+from maskfab.findings.scene import measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
 from maskfab.job.read import validate
@@ -35,10 +39,6 @@ from maskfab.optics import metrics
 from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.pupil import cut, panel_aperture
-from maskfab.report.documents.display import display_quantities
-from maskfab.report.rows.as_written import measure_written, written_psf_quantities
-from maskfab.report.rows.photographs import Conditions, Photographs, Surroundings, photograph_die
-from maskfab.report.rows.scene import measure_scene, scene_plan, scene_reach_um
 from maskfab.runs.store import Record, keep, make_folder, of_installation
 from maskfab.runs.sweep_plan import Case, by_psf
 
@@ -50,7 +50,6 @@ class SweptDie:
     """One die of one case.
 
     Attributes:
-        panel: of the die, without wires.
         works: all that is wanted of it; one may find what another is about on its way.
     """
 
@@ -91,11 +90,7 @@ class SweptDie:
 
 
 def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
-    """The quantities wanted of every die of a job, judged by its [limits].
-
-    Raises:
-        JobError: for what cannot be measured.
-    """
+    """The quantities wanted of every die of a job, judged by its [limits]."""
     if by_psf(wanted):
         job.check_window()
     stages = [STAGE_OF_QUANTITY[name] for name in wanted]
@@ -154,11 +149,7 @@ def scatter(die: SweptDie) -> Iterable[Quantity]:
 
 
 def photographs(die: SweptDie) -> Iterable[Quantity]:
-    """Scores of restored photographs through the die.
-
-    Raises:
-        JobError: for a die that cannot be photographed.
-    """
+    """Scores of restored photographs through the die."""
     conditions, around = Conditions.of(die.job, "camera"), Surroundings.of(die.job)
     photograph = photograph_die(conditions, around, die.name, die.panel, False)
     if photograph.refused is not None:
@@ -290,11 +281,7 @@ _TOLD = 200
 
 
 def workers_of(engine: Engine, scheduler: str | None, workers: int | None) -> Workers:
-    """Who finds cases, as a sweep's caller states it.
-
-    Raises:
-        JobError: MF105 for engines and addresses that do not go together; MF152 for a cluster without dask.
-    """
+    """Who finds cases, as a sweep's caller states it."""
     if (engine == "dask") != (scheduler is not None) or engine not in ENGINES:
         cure = "Use --engine serial or processes, or --engine dask with --scheduler tcp://HOST:8786"
         raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
@@ -306,10 +293,6 @@ def map_cases(
     cases: Sequence[Case], quantities: tuple[str, ...], folder: Path, progress: Progress, workers: Workers
 ) -> list[Record]:
     """Find cases, each kept in its file as soon as it is found.
-
-    Args:
-        cases: none of which is refused.
-        folder: of the files; made once nothing can be refused any more.
 
     Returns:
         Records in the order of the cases; one whose worker failed says so and has no file, so that it is tried again.

@@ -109,7 +109,6 @@ class Swept:
     """A sweep that was made.
 
     Attributes:
-        records: of every case, in order.
         remade: number of cases that were found this time.
     """
 

@@ -21,7 +21,7 @@ from maskfab.camera.scores import CONFIDENCE
 from maskfab.report.figures.die import MARKS, OKABE_ITO
 from maskfab.report.figures.sheet import QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_environment, style
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.text import rounded, short
 from maskfab.runs.sweep_numbers import Of, Sensitivity, Series, Swept, axis
 from maskfab.runs.sweep_plan import Field
 

@@ -155,11 +155,7 @@ def fields_of(spec: SweepSpec, job: JobSpec, dies: Sequence[str], where: str) ->
 
 
 def _paths(key: str, job: JobSpec, dies: Sequence[str], where: str) -> list[KeyPath]:
-    """Places in a job's document that a key names.
-
-    Raises:
-        JobError: MF105 for an unknown key or die, with those that look like it.
-    """
+    """Places in a job's document that a key names."""
     path = tuple(key.split("."))
     if path[0] != "die":
         _known(key, where)
@@ -175,11 +171,7 @@ def _paths(key: str, job: JobSpec, dies: Sequence[str], where: str) -> list[KeyP
 
 
 def _known(key: str, where: str) -> None:
-    """Refuse a key that no job has.
-
-    Raises:
-        JobError: MF105, with those that look like it.
-    """
+    """Refuse a key that no job has."""
     kind: type[AnySection] | None = JobSpec
     for name in key.split("."):
         kind, matched = _inner(kind, name)
@@ -365,13 +357,7 @@ class Case:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A sweep that was checked and can be made.
-
-    Attributes:
-        job: that is varied, with the dies that are looked at.
-        fields: that take several values.
-        cases: every one, in order.
-    """
+    """A sweep that was checked and can be made."""
 
     spec: SweepSpec
     where: str
@@ -450,7 +436,6 @@ def planned_of(spec: SweepSpec, loaded: Job, path: Path, where: str) -> Plan:
     """:func:`planned` for a job that is loaded already.
 
     Args:
-        spec: of the study, its quantities checked.
         path: that names of files in the study's values are relative to, as of the job's file.
     """
     sweep = spec.sweep
@@ -474,11 +459,7 @@ def planned_of(spec: SweepSpec, loaded: Job, path: Path, where: str) -> Plan:
 
 
 def _of_dies(job: Job, names: tuple[str, ...] | None, path: Path, where: str) -> Job:
-    """The job with some of its dies, and with what these need alone: nothing else may change a case's hash.
-
-    Raises:
-        JobError: MF105 for a die that is not there.
-    """
+    """The job with some of its dies, and with what these need alone: nothing else may change a case's hash."""
     every = {die.name: die for die in job.spec.die}
     for name in names or ():
         if name not in every:
@@ -517,11 +498,7 @@ def _case(
     path: Path,
     where: str,
 ) -> Case:
-    """A case, refused if its values make no job.
-
-    Raises:
-        JobError: for what the study file itself has wrong.
-    """
+    """A case, refused if its values make no job."""
     for field, level in zip(fields, levels, strict=True):
         document = field.placed(document, level)
     try:

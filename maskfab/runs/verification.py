@@ -41,6 +41,8 @@ from maskfab.base.processes import SerialExecutor
 from maskfab.base.provenance import sha256_of_file
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.display.feasibility import PlateWithDisplays, displays
+from maskfab.findings.foreign import Foreign, How, check_foreign, only_die
+from maskfab.findings.optics import layout_as_seen, plate_as_seen
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.exr import check_psf_file
@@ -63,9 +65,7 @@ from maskfab.report.pages import differences
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 from maskfab.report.pages.viewer import shown_run, viewer_page
-from maskfab.report.rows.foreign import Foreign, How, check_foreign, only_die
-from maskfab.report.rows.optics import layout_as_seen, plate_as_seen
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 from maskfab.runs.pipeline import run
 from maskfab.runs.plate_files import auxiliary_files, check_packages, draw_files, psfs_as_files, shop_quantities
 from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
@@ -81,24 +81,14 @@ from maskfab.runs.stages import (
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
 _SCHEMA = "report_schema"
-_FORMER_UNITS = {"um^2": "um2"}
-"""Units as reports of earlier versions spell them."""
 _PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
-_PHOTOGRAPHED, _LAID, _JUDGED, _LOOKED_AT = 3, 4, 5, 6
-"""Schemas of the first reports whose numbers of photographs are those of photographs, whose lines may be laid across a
-panel, and which tell verdicts by subject, and what the eye sees of displays as they are tiled."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """A finished directory checked again.
-
-    Attributes:
-        checks: in the order in which they were made, notes among them.
-        verdicts: what they come to.
-    """
+    """A finished directory checked again."""
 
     checks: tuple[Quantity, ...]
     verdicts: Verdicts
@@ -230,7 +220,7 @@ def verify_file(
     The plate that it is compared with is held against the job, too.
 
     Raises:
-        SourceError, JobError: as :func:`maskfab.report.rows.foreign.check_foreign`; MF322 beyond limits.
+        SourceError, JobError: as :func:`maskfab.findings.foreign.check_foreign`; MF322 beyond limits.
     """
     if job.spec.data_bias_nm:
         what = "files from elsewhere are held against designs as drawn, and this job has its data biased"
@@ -376,7 +366,7 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
 
 
 def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
-    """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
+    """Everything that report.json says against what is measured now; a note first on an earlier schema."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         stated, present = then["schema_version"], now["schema_version"]
@@ -389,42 +379,9 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
     if earlier:
         reason = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
         yield Quantity(_SCHEMA, stated, reason)
-    renamed = [old for place, new, old in changes if _former_unit(place, new, old)]
-    if renamed:
-        reason = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
-        yield Quantity("report_units", renamed[0], reason)
-    lapsed = set()
-    for name, since, of, reason in (
-        ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
-        ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
-        (
-            "report_protocol",
-            _LAID,
-            lambda place: "design" in place and place[-1] == "protocol",
-            "does not name the protocol of designs",
-        ),
-        (
-            "report_verdicts",
-            _JUDGED,
-            lambda place: place[0] == "verdicts",
-            "has one verdict for files, optics and displays",
-        ),
-        (
-            "report_looks",
-            _LOOKED_AT,
-            _of_looks,
-            "does not tell how displays look and live, beside a reference",
-        ),
-    ):
-        places = [place for place, _, _ in changes if earlier and stated < since and of(place)]
-        if places:
-            why = f"{REPORT} {reason}, as earlier versions did: these numbers are not compared"
-            yield Quantity(name, len(places), why)
-        lapsed |= set(places)
     differences = [
         _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
         for place, new, old in changes
-        if not _former_unit(place, new, old) and place not in lapsed
     ]
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
@@ -433,24 +390,6 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
 def _of_photographs(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
     return any(finding.noisy for part in place for word in part.split(", ") for finding in origins(word))
-
-
-def _of_wires(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of wires, or of an answer that rests on them."""
-    answered = "display" in place and ("verdict" in place or "proofs" in place)
-    return answered or any(part == "wires" or "wire_lines" in part for part in place)
-
-
-def _of_looks(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of limits of the eye and of life, or of what earlier ones told instead."""
-    rows = ("flat_delta_e_", "grain_", "edge_fringe", "even_", "reference_")
-    return place[:2] == ("verdicts", "display") or any(
-        part in ("looks", "lives", "reference") or word.startswith(rows) for part in place for word in part.split(", ")
-    )
-
-
-def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:
-    return place[-1] == "unit" and isinstance(now, str) and _FORMER_UNITS.get(now) == then
 
 
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -516,8 +455,6 @@ class RemadeFile:
     """One file of a directory, and the same made once more.
 
     Attributes:
-        name: in the directory.
-        stage: that makes it, in words.
         difference: in words; None if every byte is the same.
     """
 
@@ -531,8 +468,6 @@ class Reproduction:
     """A directory made once more.
 
     Attributes:
-        directory: as it was given.
-        files: every file of its manifest, the manifest last.
         versions: programs of other versions than then: name, then, now; "-" where there is none.
     """
 
@@ -577,14 +512,6 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
 
     Nothing is taken from the cache, and nothing is written into the directory. A file that was changed since differs as
     one does that other versions make otherwise; :func:`maskfab.runs.verification.verify` tells whether it was changed.
-
-    Args:
-        directory: of a finished run.
-        progress: told where the work stands.
-
-    Raises:
-        OutputError: MF403 if the directory is not that of a finished run.
-        InputError: if its job can no longer be used.
     """
     folder = Path(directory)
     put_back(Path(os.path.realpath(folder)))

@@ -21,8 +21,8 @@ import maskfab as mf
 from maskfab.base import resources
 from maskfab.base.errors import JobError, MissingPackageError, OpeningError, OutputError, UnknownNameError
 from maskfab.base.model import Tiling
+from maskfab.findings.analysis import Request, analyse_opening
 from maskfab.mask.opening_file import load_opening
-from maskfab.report.rows.analysis import Request, analyse_opening
 
 README = Path(mf.__file__).parents[1] / "README.md"
 LOOK = {"stop": "400 um", "pixel": "2 um", "wavelengths": ["530 nm", "470 nm"], "window": "64 um"}

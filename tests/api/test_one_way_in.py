@@ -21,8 +21,8 @@ from maskfab.api.taken import WORDS, taken
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening as Bare
 from maskfab.camera.frames.frame import frame_of_array
+from maskfab.findings.photographs import Restored
 from maskfab.job.reference import USES, unused
-from maskfab.report.rows.photographs import Restored
 from maskfab.runs.result import Result as Run
 
 BAR = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")

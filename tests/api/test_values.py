@@ -16,7 +16,7 @@ from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Quantity
 from maskfab.base.units import UM_PER_UNIT, parse_length_um
 from maskfab.optics.pupil import cut
-from maskfab.report.rows.text import Quantities
+from maskfab.report.text import Quantities
 
 BAR = mf.Opening.bar(dots=7, size=(5, 3), pitch="56 um")
 PANEL = mf.Panel.tile(BAR, "random", seed=1, size="560 um")

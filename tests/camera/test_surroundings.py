@@ -17,9 +17,9 @@ from maskfab.camera.lens import lay
 from maskfab.camera.protocol import F1
 from maskfab.camera.scenes import Photograph, beyond, folder, messages, scene
 from maskfab.camera.scores import Crop
+from maskfab.findings.study import made, planned
 from maskfab.mask.formats.exr import write_exr
 from maskfab.mask.job import load_job
-from maskfab.report.rows.study import made, planned
 
 BAR = np.zeros((21, 21), dtype=np.bool_)
 BAR[:6, :17] = True

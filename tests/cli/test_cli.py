@@ -23,7 +23,7 @@ from maskfab.base.units import parse_pitch_um, to_nm
 from maskfab.cli.program import VERBS
 from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import load_opening, parse_opening
-from maskfab.report.rows.text import USEFUL_DB
+from maskfab.report.text import USEFUL_DB
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "measured_once", "bound_loosely", "read_here")
 
@@ -31,7 +31,7 @@ SHIPPED = sorted(resources.path("layouts/openings").glob("*.toml"))
 SHAPES = [
     path
     for path in SHIPPED
-    if tomllib.loads(path.read_text())["provenance"].get("command", "").startswith("maskfab shape")
+    if tomllib.loads(path.read_text())["provenance"].get("command", "").startswith("maskfab new")
 ]
 QUANTITY = {"name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"}
 OF_EVERY_DIE = {

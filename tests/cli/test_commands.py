@@ -1,4 +1,4 @@
-"""Commands are derived from functions: their words, their help, names of the last release, and completion in shells."""
+"""Commands are derived from functions: their words, their help, and completion in shells."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from small_job import OPENING, command, write_job
+from small_job import command
 
 import maskfab as mf
-from maskfab.cli import old_names
 from maskfab.cli.command import Command, command_of, summary_of
 from maskfab.cli.program import GROUPS, VERBS, run_command_line
 
@@ -70,81 +69,6 @@ def test_the_help_of_the_program_lists_every_verb_in_its_group(capsys):
         assert [line[2:].split("  ")[0] for line in below.splitlines() if line[2] != " "] == list(verbs)
     for option in (*SHARED, "--help", "--version", "--install-completion"):
         assert option in told
-
-
-RENEWED = [
-    ("pareto job.toml --out front", "design --front job.toml --out front"),
-    ("render job.toml photo.png --die A", "check --look job.toml photo.png --die A"),
-    ("plan job.toml --json", "check --optics job.toml --json"),
-    ("shape stripe --dots 21 --out s.toml", "new s.toml --shape stripe --dots 21"),
-    ("reproduce build", "verify --again build"),
-    ("shops", "order list"),
-    ("shops pog --json", "order list pog --json"),
-    ("shops --compare=job.toml", "order compare job.toml"),
-    ("package job.toml --shop pog", "order pack job.toml --shop pog"),
-    ("order job.toml --shop pog", "order fill job.toml --shop pog"),
-    ("check job.toml --shop pog --json", "order pack job.toml --shop pog --json --dry-run"),
-    ("measure --edge a.tif --mosaic rggb", "edge a.tif --mosaic rggb"),
-    ("measure --mtf a.csv --job j.toml --die A", "edge a.csv --job j.toml --die A"),
-    ("schema", "explain --schema job"),
-    ("schema report --json", "explain --schema report --json"),
-    ("doctor", "self doctor"),
-    ("cache --limit 0", "self cache --limit 0"),
-    ("bench --hard", "self bench --hard"),
-    ("cite build", "self cite build"),
-    ("simulate job.toml --picture a.png", "simulate job.toml --out a.png"),
-]
-
-
-@pytest.mark.parametrize(("old", "new"), RENEWED, ids=[old for old, _ in RENEWED])
-def test_names_of_the_last_release_are_renewed(old, new):
-    assert old_names.renewed(old.split()) == new.split()
-    assert old_names.renewed(new.split()) is None
-
-
-def test_every_old_verb_is_renewed():
-    assert {old.split()[0] for old, _ in RENEWED} >= {name for name in mf.OLD_NAMES if "_" not in name}
-
-
-def test_an_old_verb_is_run_by_its_new_name_after_a_word_on_stderr(capsys, tmp_path):
-    job = write_job(tmp_path)
-    old, new = (command(capsys, *words, job, "--json") for words in (["plan"], ["check", "--optics"]))
-    assert (old.code, old.document) == (0, new.document)
-    assert old.stderr.startswith("note: maskfab plan ")
-    assert f"is now maskfab check --optics {job} --json" in old.stderr
-    assert new.stderr == ""
-
-
-def test_an_old_command_stands_as_it_was_typed_in_the_opening_that_it_draws(capsys, tmp_path):
-    target = tmp_path / "s.toml"
-    assert command(capsys, "shape", "stripe", "--out", target).code == 0
-    assert mf.read_opening(target).provenance["command"] == f"maskfab shape stripe --out {target}"
-
-
-def test_camera_and_scene_of_the_last_release_are_tables_now(capsys, tmp_path):
-    (tmp_path / "ring.toml").write_text(OPENING)
-    old = ("--stop", "0.4 mm", "--stop-shape", "square", "--focal", "5 mm", "--wavelengths", "530 nm, 610 nm")
-    scene = ("--gap", "60 um", "--depth", "100 mm, inf", "--aberration", "4:0.05", "--aberration=11:-0.02")
-    more = ("--distortion", "0.02:2 mm", "--accuracy", "0.4", "--spectrum", "rgb")
-    renewed = old_names.renewed(["analyse", "ring.toml", *old, *scene, *more, "--json"])
-    assert renewed == [
-        "analyse", "ring.toml", "--json", "--camera",
-        '{ stop = { shape = "square", diameter = "0.4 mm" }, focal = "5 mm", wavelengths = ["530 nm", "610 nm"] }',
-        "--scene",
-        '{ gap = "60 um", depth = ["100 mm", "inf"], aberrations = [[4, 0.05], [11, -0.02]], '
-        'distortion = { ratio = 0.02, height = "2 mm" }, accuracy = 0.4, spectrum = "rgb" }',
-    ]  # fmt: skip
-    words = ("analyse", tmp_path / "ring.toml", "--stop", "0.4 mm", "--focal", "5 mm", "--window", "64 um", "--json")
-    told = command(capsys, *words, "--quiet")
-    assert told.code == 0
-    assert told.document["name"] == "ring"
-
-
-@pytest.mark.parametrize("name", [name for name in mf.OLD_NAMES if name not in mf.__all__])
-def test_an_old_name_of_python_tells_the_new_one(name):
-    verb, _, more = mf.OLD_NAMES[name].partition(" ")
-    with pytest.raises(AttributeError, match=rf"it is now maskfab\.{verb}.*{more.lstrip('-')}"):
-        getattr(mf, name)
 
 
 def test_public_names_are_listed_once():

@@ -22,9 +22,9 @@ from maskfab.camera.restorers.network import View, shown
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Photograph
 from maskfab.cli.program import run_command_line
+from maskfab.findings.photographs import Conditions, Surroundings, learned_restorers, trade_of
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
-from maskfab.report.rows.photographs import Conditions, Surroundings, learned_restorers, trade_of
 
 ROOT = Path(__file__).parents[2]
 JOB = ROOT / "layouts" / "toled_against_ours.toml"
@@ -71,7 +71,7 @@ def test_an_untrained_network_restores_what_it_is_shown_whatever_the_strength(
     untrained: Path, photographs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fixed = replace(Conditions.of(load_job(JOB), "camera").protocol, strengths=(EPSILON,))
-    monkeypatch.setattr("maskfab.report.rows.photographs.Protocol", lambda *_, **__: fixed)
+    monkeypatch.setattr("maskfab.findings.photographs.Protocol", lambda *_, **__: fixed)
     found = simulate(
         JOB, die="TOLED", images=photographs, levels=[32], restore=["wiener", "auto"], checkpoints=[untrained]
     )

@@ -16,9 +16,9 @@ from maskfab.camera.imaging import Design
 from maskfab.camera.lens import laid_panel, lay
 from maskfab.camera.protocol import ASSUMED
 from maskfab.cli.program import run_command_line
+from maskfab.findings.photographs import Conditions
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import Job, load_job
-from maskfab.report.rows.photographs import Conditions
 
 ROOT = Path(__file__).parents[2]
 JOB = ROOT / "layouts" / "upc12.toml"

@@ -26,7 +26,7 @@ from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import CellMap, map_text
 from maskfab.optics.tiling import orientations
 from maskfab.report.pages.design import designed_document
-from maskfab.report.rows.text import designed_lines
+from maskfab.report.text import designed_lines
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 

@@ -30,7 +30,7 @@ from maskfab.mask.opening_file import opening_text
 from maskfab.optics.phase import Wavefront, defocus_waves
 from maskfab.optics.scene.scene import Scene
 from maskfab.report.pages.design import designed_document
-from maskfab.report.rows.text import designed_lines
+from maskfab.report.text import designed_lines
 
 CAMERA = Camera(F1.focal_um, F1.stop, F1.wavelengths_nm, F1.pixel_um, 256.0)
 TAKING = CaptureSettings(Protocol("camera", Sensor()), (32.0,))

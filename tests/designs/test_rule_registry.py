@@ -26,7 +26,7 @@ from maskfab.job.reference import keys_of
 from maskfab.job.sections import RulesSection, SearchSection
 from maskfab.mask.opening_file import opening_text, parse_opening
 from maskfab.report.documents.die import Stated, stated_design
-from maskfab.report.rows.text import designed_lines
+from maskfab.report.text import designed_lines
 
 CELL = 3
 

@@ -17,11 +17,11 @@ from maskfab.display.drive import BY_AREA, NOT_PLACED
 from maskfab.display.emitter_rules import Proof, Verdict
 from maskfab.display.feasibility import Feasibility, displays
 from maskfab.display.wiring import transparent_tracks
+from maskfab.findings.display import wired_quantities
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 from maskfab.optics.pupil import veil
-from maskfab.report.documents.display import wired_quantities
 from maskfab.report.figures.display import pictures
 from maskfab.runs.pipeline import run
 from maskfab.runs.verification import verify

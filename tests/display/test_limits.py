@@ -22,7 +22,7 @@ from maskfab.display.limits import DEFAULT_LIFE, EyeAndLife, Judgement, Limited,
 from maskfab.job.sections import LivesSection, LooksSection
 from maskfab.mask.job import load_job
 from maskfab.report.documents.display import check_schema
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 
 LIGHT = LightDemand()
 OPENING = 'name = "column"\npitch = "56 um"\ndots = 7\ngrid = """\n' + "......#\n" * 7 + '"""\n'

@@ -75,7 +75,7 @@ def test_a_file_is_its_command_byte_for_byte(capsys, monkeypatch, tmp_path, kind
     monkeypatch.chdir(tmp_path)
     (tmp_path / "layouts" / "openings").mkdir(parents=True)
     line = tomllib.loads(path.read_text(encoding="utf-8"))["provenance"]["command"]
-    assert line == f"maskfab shape {kind} --out layouts/openings/{path.name}"
+    assert line == f"maskfab new layouts/openings/{path.name} --shape {kind}"
     assert command(capsys, *line.split()[1:]).code == 0
     assert (tmp_path / "layouts" / "openings" / path.name).read_bytes() == path.read_bytes()
 

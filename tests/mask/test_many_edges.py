@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from klayout import db
 
+from maskfab.findings import analysis
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.raster import outline_coverage
-from maskfab.report.rows import analysis
 
 
 def test_long_edges_are_rastered_in_the_memory_of_the_grid():

@@ -7,12 +7,12 @@ import pytest
 from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
+from maskfab.findings.optics import polygon_psf, stop_boundary
 from maskfab.job.camera import Stop
 from maskfab.mask.raster import outline_coverage
 from maskfab.optics.metrics import AREA_ERROR, relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.stop_edges import _cut_edges, cutting_box, edges_in_stop
-from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 
 @pytest.mark.parametrize("diameter_um", [6.0, 11.0, 23.0, 50.0, 77.0, 97.3])

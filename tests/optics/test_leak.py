@@ -14,6 +14,7 @@ from sweeps import in_turns, sweep
 
 from maskfab.base.model import Die
 from maskfab.cli.program import run_command_line
+from maskfab.findings.optics import lit_pupils, measure
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.film_lags import lit_lags
@@ -21,7 +22,6 @@ from maskfab.optics.lags import lag_table
 from maskfab.optics.psf import Leak, ReadyPupil, point_psf
 from maskfab.optics.pupil import Aperture, Lattice, cut, panel_aperture
 from maskfab.optics.scene.model_bar import model_bar
-from maskfab.report.rows.optics import lit_pupils, measure
 
 TOLED = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"
 CAMERA = Camera(10_000.0, Stop("circle", 270.0), (530.0,), 4.0, 120.0)

@@ -53,7 +53,7 @@ import resource
 import numpy as np
 from maskfab.base.model import Die, Opening, Panel, Tiling
 from maskfab.job.camera import Camera, Stop
-from maskfab.report.rows.optics import measure
+from maskfab.findings.optics import measure
 
 mask = np.zeros((21, 21), dtype=bool)
 mask[1:19, 8:13] = True

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from maskfab.base.model import Psf
+from maskfab.findings.optics import stop_boundary
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Roughness
 from maskfab.optics.psf import EdgeLengths, halo_um3, image_scale_um2, rough_psf, scattered_um2
-from maskfab.report.rows.optics import stop_boundary
 
 CAMERA = Camera(5000.0, Stop("square", 300.0), (530.0,), 2.0, 1200.0)
 ROUGH = Roughness(0.6, 0.8)

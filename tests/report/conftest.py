@@ -25,11 +25,11 @@ from maskfab.base.model import (
     Tiling,
     WrittenFile,
 )
+from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.pupil import panel_aperture
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, Curve
-from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan
 
 MARKUP = "<script>alert('x')</script>"
 

@@ -7,13 +7,13 @@ from report.test_front import A, B, document_of, front_of, taken
 from report.test_report_html import read
 
 from maskfab.base.model import Quantity
+from maskfab.findings.bands import ProcessSpread
 from maskfab.job.process import Process
 from maskfab.report.documents.report import to_document
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.page import html_page
 from maskfab.report.pages.tables import die_table, edges, ranked, spread_words
-from maskfab.report.rows.bands import ProcessSpread
-from maskfab.report.rows.text import quantity_document
+from maskfab.report.text import quantity_document
 
 
 def band(name: str, low: float, high: float, **places: object) -> dict:

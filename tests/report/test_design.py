@@ -17,12 +17,12 @@ from report.test_report_html import read
 from sweeps import examples
 
 from maskfab.camera.scores import Score, Shot
+from maskfab.findings.photographs import Restored
 from maskfab.mask.job import load_job
 from maskfab.report.documents.die import Stated, stated, stated_design
 from maskfab.report.documents.report import report_text, schema, to_document
 from maskfab.report.figures import scene as design_figures
 from maskfab.report.pages import appendix as html
-from maskfab.report.rows.photographs import Restored
 
 MARKUP = "<script>alert('x')</script>\"&"
 FULL = {

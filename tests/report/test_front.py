@@ -7,14 +7,14 @@ from jsonschema import Draft202012Validator
 from report.test_report_html import read
 
 from maskfab.camera.scores import MeanDifference
+from maskfab.findings.bands import ProcessSpread
+from maskfab.findings.photographs import Photographs, Restored
 from maskfab.job.process import Process, Roughness
 from maskfab.report.documents.report import schema, to_document
 from maskfab.report.pages import page as html
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.front import Best, assumptions, best, crops
 from maskfab.report.pages.tables import die_table
-from maskfab.report.rows.bands import ProcessSpread
-from maskfab.report.rows.photographs import Photographs, Restored
 
 
 def taken(*, reference: str | None = "PLAIN", stated: str | None = None, refused: str = "", **psnr) -> dict:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from maskfab.camera.scores import Score, Shot
+from maskfab.findings.photographs import Restored
 from maskfab.report.figures import scene
 from maskfab.report.pages import differences as page
-from maskfab.report.rows.photographs import Restored
 from maskfab.runs.verification import _reported
 
 RNG = np.random.default_rng(11)

@@ -12,7 +12,7 @@ from small_job import finished
 from maskfab.base.model import Quantity
 from maskfab.base.provenance import sha256_of_file
 from maskfab.report.pages.links import in_view, linked_places
-from maskfab.report.rows.text import quantity_document
+from maskfab.report.text import quantity_document
 from maskfab.runs.verification import verify
 
 LIMITS = ("[plate]", '[limits]\nmin_feature = "9 um"\n\n[plate]')

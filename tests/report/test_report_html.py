@@ -17,7 +17,7 @@ from maskfab.report.pages import page as html
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.front import shown_count, shown_dies, stamps
 from maskfab.report.pages.template import limit_text
-from maskfab.report.rows.text import rounded
+from maskfab.report.text import rounded
 
 MARKUP = "<script>alert('x')</script>"
 

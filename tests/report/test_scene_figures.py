@@ -14,7 +14,7 @@ from maskfab.optics.scene.scene import Distortion
 from maskfab.report.documents.report import to_document
 from maskfab.report.figures import scene
 from maskfab.report.pages import appendix as html
-from maskfab.report.rows.text import rounded
+from maskfab.report.text import rounded
 
 
 @pytest.fixture(scope="module")

@@ -20,10 +20,10 @@ from maskfab.api.comparing import Comparison
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import Quantity
 from maskfab.camera.scores import MeanDifference
+from maskfab.findings.photographs import middle_level
 from maskfab.report.documents.report import FinishedReport
 from maskfab.report.pages.compared import Compared, compare_page, compare_reports, compare_text, verdict
-from maskfab.report.rows.photographs import middle_level
-from maskfab.report.rows.text import quantity_document
+from maskfab.report.text import quantity_document
 
 
 @pytest.fixture(scope="module")

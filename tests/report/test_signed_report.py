@@ -20,11 +20,10 @@ from maskfab.base.units import decimals_of
 from maskfab.camera.scores import MeanDifference
 from maskfab.report.documents.numbers import COLUMNS, methods, numbers_text, rows_of
 from maskfab.report.pages.appendix import appendix_page
+from maskfab.report.pages.breaches import breach_words, breaches, broken, limit_lines
 from maskfab.report.pages.front import Best, best, decision, stamps
-from maskfab.report.pages.limits import breaches, broken, limit_lines, told
 from maskfab.report.pages.page import html_page, judged_dies, key_rows
-from maskfab.report.rows.text import EXACT, short, table_lines
-from maskfab.report.rows.text import told as number_told
+from maskfab.report.text import EXACT, short, table_lines, value_and_error
 from maskfab.runs.pipeline import run as run_job
 
 LAYOUTS = resource("layouts")
@@ -132,9 +131,9 @@ def test_limits_that_cost_nothing_say_so_and_a_plate_without_displays_says_nothi
 
 def test_defaults_say_that_they_are(run):
     lines = breaches({"display": display(delta_e=3.0, grain=0.02, life=0.2)})
-    assert told(lines).endswith("; some limits are defaults")
-    assert told(breaches({"display": display(delta_e=3.0)})).endswith("; these limits are defaults")
-    assert "defaults" not in told(breaches({"display": display(grain=0.02)}))
+    assert breach_words(lines).endswith("; some limits are defaults")
+    assert breach_words(breaches({"display": display(delta_e=3.0)})).endswith("; these limits are defaults")
+    assert "defaults" not in breach_words(breaches({"display": display(grain=0.02)}))
     page = html_page(judged(run, taken(PLAIN=A, TURNED=B), PLAIN=display(), TURNED=display()), {})
     table = page[page.index('<table class="limits">') : page.index("</table>", page.index('<table class="limits">'))]
     assert "≤ 2.3*" in table
@@ -314,7 +313,7 @@ def number_of(text: str) -> float:
 
 @given(NUMBERS, st.floats(1e-9, 1e6))
 def test_a_number_has_no_digit_that_its_error_does_not_allow(value, error):
-    text, of_error = number_told(value, error)
+    text, of_error = value_and_error(value, error)
     assume(of_error != EXACT)
     assert number_of(of_error) == pytest.approx(error, rel=0.15)
     step = 10.0 ** -decimals_of(error)
@@ -327,10 +326,10 @@ def test_a_number_has_no_digit_that_its_error_does_not_allow(value, error):
 
 @given(NUMBERS)
 def test_errors_of_rounding_are_told_as_exact(value):
-    assert number_told(value, abs(value) * 1e-12)[1] == EXACT
-    assert number_told(value, 0.0)[1] == EXACT
-    assert number_told(value)[1] == ""
-    assert number_told(value, abs(value) * 1e-6 + 1e-11)[1] != EXACT
+    assert value_and_error(value, abs(value) * 1e-12)[1] == EXACT
+    assert value_and_error(value, 0.0)[1] == EXACT
+    assert value_and_error(value)[1] == ""
+    assert value_and_error(value, abs(value) * 1e-6 + 1e-11)[1] != EXACT
 
 
 @pytest.mark.parametrize(
@@ -348,7 +347,7 @@ def test_errors_of_rounding_are_told_as_exact(value):
     ],
 )
 def test_numbers_are_told_as_their_errors_allow(value, error, unit, expected):
-    assert number_told(value, error, unit) == expected
+    assert value_and_error(value, error, unit) == expected
 
 
 def test_limits_of_thirds_are_told_to_three_digits():

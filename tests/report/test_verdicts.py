@@ -9,7 +9,7 @@ import pytest
 from maskfab.base.model import Quantity
 from maskfab.display.drive import BY_AREA, BY_BOXES
 from maskfab.display.emitter_rules import Verdict
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.verdicts import Verdicts
 
 
 def check(name: str, passed: bool | None = True) -> Quantity:

@@ -20,9 +20,9 @@ from maskfab.base.errors import JobError, OutputError
 from maskfab.base.work import Clock
 from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
+from maskfab.findings import photographs
 from maskfab.job.read import read
 from maskfab.report.pages.advice import WORTH_DB, AdvicePart, advice_document, schema
-from maskfab.report.rows import photographs
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
 

@@ -17,10 +17,10 @@ from small_job import JOB, command, listing, write_job
 import maskfab as mf
 from maskfab.base.errors import OutputError
 from maskfab.base.findings import FINDINGS, expected, function_of
+from maskfab.findings.scene import measure_scene
 from maskfab.mask.comparison.roundtrip import compare_layout
 from maskfab.mask.job import load_job
 from maskfab.report.pages.front import shown_count
-from maskfab.report.rows.scene import measure_scene
 from maskfab.runs import pipeline
 from maskfab.runs.forecast import _FILES, PROBE_S, STARTED_S, Amounts, Forecast, Pace, Stage, dry_run, probe, read_bytes
 from maskfab.runs.store import Entry, Store
@@ -125,7 +125,7 @@ def test_the_probe_is_short():
 def test_what_a_task_took_is_kept_with_it(made):
     _, store = made
     told = {entry.what: entry for entry in store.entries()}
-    optics = told["report.rows.optics.measure_with_bar"]
+    optics = told["findings.optics.measure_with_bar"]
     assert 0 < optics.seconds < 30
     assert 0 < optics.expected_s < 30
     assert told["run"].seconds is None

@@ -210,9 +210,7 @@ def test_a_run_tells_what_was_kept(made, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MASKFAB_CACHE", str(copied(made, tmp_path).folder))
     first = json.loads((made / "out" / TIMES).read_text())["findings"]
     assert {(row["kept"], row["refused"]) for row in first} == {(False, None)}
-    assert {"report.rows.optics.measure_with_bar", "report.rows.photographs.photograph_die"} <= {
-        row["what"] for row in first
-    }
+    assert {"findings.optics.measure_with_bar", "findings.photographs.photograph_die"} <= {row["what"] for row in first}
     again = command(capsys, "run", made / "job.toml", "--out", tmp_path / "out", "--json")
     times = json.loads((tmp_path / "out" / TIMES).read_text())
     assert times["findings"] == [row | {"kept": True} for row in first] == again.document["findings"]

@@ -81,7 +81,7 @@ def test_stages_are_taken_where_the_plate_is_another(made, tmp_path):
     taken = pipeline.run(job, tmp_path / "taken", cache=store)
     assert content(taken.directory) == content(fresh.directory)
     new = {entry.what for entry in store.entries() if entry.path not in before}
-    assert not {"report.rows.optics.measure_with_bar", "report.rows.photographs.photograph_die"} & new
+    assert not {"findings.optics.measure_with_bar", "findings.photographs.photograph_die"} & new
 
 
 def test_damage_of_any_kept_file_is_noticed(made, tmp_path):

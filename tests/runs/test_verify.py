@@ -6,7 +6,6 @@ import copy
 import json
 import shutil
 from collections.abc import Callable
-from hashlib import sha256
 from pathlib import Path
 
 import gdstk
@@ -19,9 +18,8 @@ import maskfab
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import Quantity
 from maskfab.base.provenance import sha256_of_file
-from maskfab.report.documents.report import SCHEMA_VERSION, report_text
+from maskfab.report.documents.report import SCHEMA_VERSION
 from maskfab.report.figures.sheet import bitmap
-from maskfab.report.pages.page import SHORT_HASH
 from maskfab.runs.verification import _reported
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "verified_once")
@@ -292,28 +290,6 @@ def test_a_report_of_an_earlier_schema_is_said_to_be_one_and_compared(out, state
     assert {check.name for check in found if check.passed is False} == {"reported", "reported_differences"}
 
 
-def test_a_unit_that_an_earlier_version_spelt_otherwise_is_a_note(out):
-    def edit(report: dict) -> None:
-        rows = [*report["checks"], *report["plate"], *(row for die in report["dies"] for row in die["quantities"])]
-        areas = [row for row in rows if row["unit"] == "um^2"]
-        assert areas
-        for row in areas:
-            row["unit"] = "um2"
-
-    then = (out / "report.json").read_text(encoding="utf-8")
-    edit_report(out, edit)
-    now = report_text(json.loads((out / "report.json").read_text(encoding="utf-8")))
-    hashes = [sha256(text.encode()).hexdigest()[:SHORT_HASH] for text in (then, now)]
-    forged(out / "report.html", lambda text: text.replace("µm²", "um2").replace(*hashes))
-    forged(out / "appendix.html", lambda text: text.replace("µm²", "um2"))
-    forged(out / "numbers.csv", lambda text: text.replace("um^2", "um2"))
-    correct_manifest(out)
-    found = failures(out)
-    assert [(check.name, check.value, check.passed) for check in found] == [("report_units", "um2", None)]
-    edit_report(out, lambda report: report["checks"][0].update(unit="um3"))
-    assert "reported" in {check.name for check in failures(out) if check.passed is False}
-
-
 def test_a_die_that_was_emptied_is_found_and_named(out):
     library = gdstk.read_gds(out / "SMALL.gds")
     cell = next(cell for cell in library.cells if cell.name == "PLAIN")
@@ -444,47 +420,6 @@ PHOTOGRAPHED = {
 def told_of(folder: Path, then: dict, now: dict | None = None) -> dict[str, object]:
     (folder / "report.json").write_text(json.dumps(then))
     return {check.name: check.method for check in _reported(folder, now or PHOTOGRAPHED) if not check.passed}
-
-
-def test_photographs_that_an_earlier_version_predicted_are_a_note(tmp_path):
-    earlier = {"schema_version": 2, "dies": [{"name": "A", "quantities": []}]}
-    earlier["dies"][0]["quantities"] = [{"name": "restored_psnr", "level_db": 24, "value": 28.5, "method": "model"}]
-    assert set(told_of(tmp_path, earlier)) == {"report_schema", "report_photographs"}
-    assert "reported" in told_of(tmp_path, {**earlier, "title": "forged"})
-
-
-def test_wires_that_an_earlier_version_drew_are_a_note(tmp_path):
-    before, after = {"verdict": "UNKNOWN", "wires": {"bounds": [2, 2]}}, {"verdict": "FITS", "wires": {"lines": [4, 4]}}
-    earlier = {"schema_version": 3, "dies": [{"name": "A", "display": before}]}
-    now = {"schema_version": SCHEMA_VERSION, "dies": [{"name": "A", "display": after}]}
-    told = told_of(tmp_path, earlier, now)
-    assert "report_wires" in told
-    assert "reported" not in told
-    assert "reported" in told_of(tmp_path, {**earlier, "verdict": "PASS"}, {**now, "verdict": "FAIL"})
-    unnamed, named = ({"dies": [{"name": "A", "design": each}]} for each in ({}, {"protocol": None}))
-    told = told_of(tmp_path, {**unnamed, "schema_version": 3}, {**named, "schema_version": SCHEMA_VERSION})
-    assert ("report_protocol" in told, "reported" in told) == (True, False)
-    assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
-
-
-def test_looks_that_an_earlier_version_did_not_tell_are_a_note(tmp_path):
-    row, old = ({"name": name, "value": 0.01, "method": "m"} for name in ("grain_slow", "even_grain"))
-    kept = {"verdict": "KEPT", "numbers": []}
-    now = {
-        "schema_version": SCHEMA_VERSION,
-        "verdicts": {"files": {"passed": True}, "looks": {"dies": 1, "kept": 1}},
-        "dies": [{"name": "A", "quantities": [row], "display": {"verdict": "FITS", "looks": kept, "lives": kept}}],
-    }
-    earlier = {
-        "schema_version": 5,
-        "verdicts": {"files": {"passed": True}},
-        "dies": [{"name": "A", "quantities": [old], "display": {"verdict": "FITS"}}],
-    }
-    told = told_of(tmp_path, earlier, now)
-    assert ("report_looks" in told, "reported" in told) == (True, False)
-    # Others are compared as ever, and those of a report that should tell them too.
-    assert "reported" in told_of(tmp_path, {**earlier, "verdicts": {"files": {"passed": False}}}, now)
-    assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
 
 
 def test_a_schema_that_is_no_number_is_a_difference(tmp_path):

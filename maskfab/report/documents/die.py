@@ -24,11 +24,11 @@ from maskfab.base.model import Opening, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.lens import F1, camera_line
 from maskfab.designs.rules.rule import priced_rule
+from maskfab.findings.photographs import Photographs, Restored
 from maskfab.mask import panels
 from maskfab.mask.job import Job
 from maskfab.report.documents.shape import DieName, Document, Part, Text, optional, written
-from maskfab.report.rows.photographs import Photographs, Restored
-from maskfab.report.rows.text import USEFUL_DB
+from maskfab.report.text import USEFUL_DB
 
 Facts = Mapping[str, object]
 

@@ -25,6 +25,8 @@ from maskfab.base.model import Die, Plate, Quantity, Report, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
+from maskfab.findings.bands import ProcessSpread
+from maskfab.findings.scene import PointView, SceneOptics
 from maskfab.job.camera import Camera, StopShape
 from maskfab.job.process import Process
 from maskfab.mask.formats.exr import stop_facts
@@ -45,10 +47,8 @@ from maskfab.report.documents.shape import (
     titled_schema,
     written,
 )
-from maskfab.report.rows.bands import ProcessSpread
-from maskfab.report.rows.scene import PointView, SceneOptics
-from maskfab.report.rows.text import quantity_document
-from maskfab.report.rows.verdicts import Verdicts
+from maskfab.report.text import quantity_document
+from maskfab.report.verdicts import BROKEN, KEPT, Verdicts
 
 SCHEMA_VERSION = 6
 _READ = (5, SCHEMA_VERSION)
@@ -98,7 +98,7 @@ class _Limits(Part):
     dies: int
     kept: int
     broken: int
-    verdict: Annotated[str | None, OneOf(("KEPT", "BROKEN", None))]
+    verdict: Annotated[str | None, OneOf((KEPT, BROKEN, None))]
     stated: bool = Field(description="whether the job states any of the limits, which are else defaults")
 
 
@@ -304,9 +304,6 @@ def to_document(
     ``spread`` what bands are over, and ``reference`` the die that others are compared with.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
-
-    Raises:
-        InternalError: MF901 if the report's dies are not the plate's, or a number is NaN or infinite.
     """
     drawn, reported = [die.name for die in plate.dies], list(report.dies)
     if sorted(drawn) != sorted(reported):
@@ -374,11 +371,7 @@ def designed_document(
 
 
 def report_text(document: Mapping[str, Any]) -> str:
-    """The document as JSON text: equal documents give equal bytes, keys in the contract's order.
-
-    Raises:
-        InternalError: MF901 if a number is NaN or infinite, neither of which JSON can say.
-    """
+    """The document as JSON text: equal documents give equal bytes, keys in the contract's order."""
     return document_text(_plain(document, "report"))
 
 
@@ -519,11 +512,7 @@ def _read(path: Path) -> FinishedReport:
 
 
 def _proved(file: Path) -> bool:
-    """Whether the manifest beside a report knows its hash; False without a manifest.
-
-    Raises:
-        OutputError: MF407 if it knows another.
-    """
+    """Whether the manifest beside a report knows its hash; False without a manifest."""
     try:
         rows = read_manifest(file.parent)["files"]
     except OutputError:

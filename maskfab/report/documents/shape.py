@@ -146,7 +146,7 @@ def _schema(annotation: Any) -> Document:
 
 
 class QuantityPart(Part):
-    """A quantity, as :func:`maskfab.report.rows.text.quantity_document` writes it."""
+    """A quantity, as :func:`maskfab.report.text.quantity_document` writes it."""
 
     definition = "quantity"
 

@@ -28,11 +28,11 @@ from maskfab.base.cell_size import CellSize
 from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
+from maskfab.findings.as_written import Written
 from maskfab.mask.writer import Reading, written_region
 from maskfab.report.figures import sheet
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, draw_psf, image, img, place, scale, styled
-from maskfab.report.rows.as_written import Written
-from maskfab.report.rows.text import rounded
+from maskfab.report.text import rounded
 
 Item = TypeVar("Item", Psf, Mtf)
 
@@ -80,8 +80,6 @@ def pictures(
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
 
     Args:
-        more: what else there is to draw.
-        executor: who draws.
         stressed: dies that the comparison of all shows before the others.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)

@@ -18,11 +18,11 @@ from maskfab.base.arrays import Floats, Singles
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import Shot
+from maskfab.findings.photographs import Restored
+from maskfab.findings.scene import PointView, SceneOptics, distance
 from maskfab.report.figures import sheet as png
 from maskfab.report.figures.sheet import INK, QUIET, bitmap, image, img, place, styled
-from maskfab.report.rows.photographs import Restored
-from maskfab.report.rows.scene import PointView, SceneOptics, distance
-from maskfab.report.rows.text import rounded
+from maskfab.report.text import rounded
 
 _FIELD_PIXELS, _STRIP_PIXELS = 61, 101
 _LEFT_DECADES = 3
@@ -291,7 +291,6 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]], how: 
 
     Args:
         truth: part of the scene, float32 [3, rows, columns] within 0 to 1, row 0 on top.
-        scene: its name.
         taken: by die, the same part of its restored photographs; every die at the same levels.
     """
     levels = [shot.score.level_db for shot in next(iter(taken.values()))]

@@ -359,11 +359,7 @@ class Drawing:
         return image(self.figure, self.words)
 
     def save(self, path: str | Path) -> Path:
-        """Write it as SVG or PNG, by the path's suffix; an earlier file is replaced.
-
-        Raises:
-            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
-        """
+        """Write it as SVG or PNG, by the path's suffix; an earlier file is replaced."""
         target = Path(path)
         content = {".svg": lambda: self.svg().encode(), ".png": self.png}.get(target.suffix.lower())
         if content is None:

@@ -27,16 +27,16 @@ from maskfab.designs.rules.display_fit import misfit
 from maskfab.designs.search.result import Designed
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.findings.photographs import NOISE_DB, Photographs
 from maskfab.mask.job import Job
 from maskfab.mask.package.pack import Bid
 from maskfab.report.documents.display import display_document
 from maskfab.report.documents.shape import Document, Part, Record, document_text, titled_schema, written
 from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
-from maskfab.report.pages.limits import NOTHING
+from maskfab.report.pages.breaches import NOTHING
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.photographs import NOISE_DB, Photographs
-from maskfab.report.rows.text import USEFUL_DB, short
+from maskfab.report.text import USEFUL_DB, short
 
 SCHEMA_VERSION = 1
 DOCUMENT, PAGE = "advice.json", "advice.html"
@@ -202,7 +202,7 @@ def _row(name: str, value: float | str | None, unit: str = "", how: str = "", **
     return _Row.document(name=name, value=value, unit=unit, how=how, **{**empty, **more})
 
 
-def told(gain: MeanDifference) -> str:
+def gain_words(gain: MeanDifference) -> str:
     """A difference with its interval, to the digits that this allows; reasons say what holds 0."""
     return gain.told().removesuffix(" tie")
 
@@ -221,14 +221,14 @@ def why_not(advised: Advised) -> list[str]:
     if not advised.gained(level):
         gain = advised.gain(level)
         held = "which may be chance" if gain.tie else f"less than {WORTH_DB:.1f} dB"
-        reasons.append(f"at {advised.light(level)} photographs gain {told(gain)}, {held}; {_starved(advised)}")
+        reasons.append(f"at {advised.light(level)} photographs gain {gain_words(gain)}, {held}; {_starved(advised)}")
     return reasons
 
 
 def _starved(advised: Advised) -> str:
     """Whether light or blur is what photographs lack, by a clear stop of as much light; what would help."""
     ideal, dots = advised.unobstructed, advised.designed.opening.clear_dots
-    gains = f"a clear stop of as much light would gain {told(ideal)}"
+    gains = f"a clear stop of as much light would gain {gain_words(ideal)}"
     if ideal.mean < WORTH_DB:
         why = f"{gains}: they are starved of light, not blurred, and no opening of {dots} dots is worth a mask"
     elif ideal.tie:
@@ -245,7 +245,7 @@ def _starved(advised: Advised) -> str:
 def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
     level, gain = advised.level_db, advised.gain(advised.level_db)
     better = (
-        f"restored photographs at {advised.light(level)} are {told(gain).lstrip('+')} better than behind "
+        f"restored photographs at {advised.light(level)} are {gain_words(gain).lstrip('+')} better than behind "
         f"{advised.reference}"
     )
     if reasons:
@@ -333,7 +333,7 @@ def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
         more = {"error": error, "limit": WORTH_DB, "least": True, "passed": advised.gained(light)}
         rows.append(_row(f"gain at {advised.light(light)}", own.mean, "dB", advised.electrons(light), **more))
     return (
-        f"{told(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
+        f"{gain_words(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
         f"PSNR is the distance of a restored photograph from the scene: 3 dB more is half the error's power. Gains are "
         f"means of {gain.count} drawn scenes, paired over {advised.reference}, with their {CONFIDENCE:.0%} interval.",
         rows,
@@ -444,9 +444,11 @@ def _when_not(advised: Advised) -> tuple[str, str, list[Document]]:
     poor = [level for level in levels if not advised.gained(level)]
     if not poor:
         least = min(levels)
-        sentence = f"Every light that was tried is enough, down to {advised.light(least)}: {told(advised.gain(least))}."
+        sentence = (
+            f"Every light that was tried is enough, down to {advised.light(least)}: {gain_words(advised.gain(least))}."
+        )
         return f"{sentence} In less, photograph first.", method, rows
-    gains = " and ".join(f"at {advised.light(level)} ({told(advised.gain(level))})" for level in poor)
+    gains = " and ".join(f"at {advised.light(level)} ({gain_words(advised.gain(level))})" for level in poor)
     why = f": {_starved(advised)}" if advised.level_db in poor else ""
     return f"Not for photographs {gains}{why}.", method, rows
 
@@ -532,12 +534,7 @@ def _beside(value: float | None) -> str:
 
 
 def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
-    """The page, with nothing from outside it.
-
-    Args:
-        document: of advice.json.
-        drawn: as :func:`pictures` gives them.
-    """
+    """The page, with nothing from outside it."""
     return page_template("advice.html.j2", cell=shown, beside=_beside, bound=bound).render(
         style=style(),
         told=document,
@@ -547,11 +544,7 @@ def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
 
 
 def write_advice(place: Place, document: Record, files: Mapping[str, str], drawn: Mapping[str, str]) -> list[Path]:
-    """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths."""
     text = document_text(document)
     with staged(place) as folder:
         for name, content in {**files, DOCUMENT: text, PAGE: advice_page(json.loads(text), drawn)}.items():

@@ -16,6 +16,8 @@ from maskfab.base.quantities import quantities, registered
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE
+from maskfab.findings.bands import BIAS_UM
+from maskfab.findings.scene import distance
 from maskfab.job.camera import median_nm
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.documents.numbers import methods, rows_of
@@ -25,9 +27,7 @@ from maskfab.report.pages.front import Best, best, shown_dies
 from maskfab.report.pages.links import where_linked
 from maskfab.report.pages.tables import band_of, decibels, die_table, model_table, photograph_table, ranked, stage_table
 from maskfab.report.pages.template import ROW_FILTERS, WORDS, page_environment, references, style
-from maskfab.report.rows.bands import BIAS_UM
-from maskfab.report.rows.scene import distance
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.text import rounded, short
 
 _RARELY_READ = frozenset(
     {

@@ -16,15 +16,15 @@ from matplotlib.figure import Figure
 from maskfab.base.errors import JobError
 from maskfab.base.quantities import columns
 from maskfab.camera.scores import CONFIDENCE
+from maskfab.findings.photographs import middle_level
 from maskfab.report.documents.report import FinishedReport
 from maskfab.report.documents.shape import Document, Record
 from maskfab.report.figures.die import MARKS, OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
+from maskfab.report.pages.breaches import broken
 from maskfab.report.pages.front import best as best_kept
-from maskfab.report.pages.limits import broken
 from maskfab.report.pages.tables import DieLine, Table, best_photographed, die_table, difference, mean_psnr, scores
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.photographs import middle_level
 
 _WORDS = frozenset({"told", "reference", "reference_stated", "scenes", "dies", "unused"})
 """Parts of a report's photographs that say nothing of how they were taken."""

@@ -29,7 +29,7 @@ from maskfab.optics.tiling import orientations
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import USEFUL_DB, by_level
+from maskfab.report.text import USEFUL_DB, by_level
 
 if TYPE_CHECKING:
     from maskfab.designs.model.limits import Gap
@@ -99,11 +99,7 @@ class Made:
 def designed_document(
     design: Designed, paths: Mapping[str, Path], notes: Sequence[str], made: Made | None = None
 ) -> dict[str, Any]:
-    """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``.
-
-    Args:
-        made: how it came about; null where that is not known.
-    """
+    """The result as plain data; infinite values are null. Equal designs give equal documents but for ``time``."""
     designed, account = design.designed, design.account
     return {
         "schema_version": SCHEMA_VERSION,
@@ -561,11 +557,7 @@ DOCUMENT, PAGE = "design.json", "design.html"
 
 
 def write_design(place: Place, document: Record, files: Mapping[str, str]) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything into a directory that appears whole, and return the paths."""
     text = document_text(document)
     with staged(place) as folder:
         for name, content in {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}.items():

@@ -11,8 +11,9 @@ from maskfab.base.errors import CATALOGUE
 from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.findings.photographs import middle_level
 from maskfab.report.documents.shape import Record
-from maskfab.report.pages.limits import FITS, LIVES, LOOKS, breaches, broken, judged_verdicts, told
+from maskfab.report.pages.breaches import breach_words, breaches, broken, judged_verdicts
 from maskfab.report.pages.tables import (
     band_of,
     die_table,
@@ -23,9 +24,8 @@ from maskfab.report.pages.tables import (
     scores,
     spread_words,
 )
-from maskfab.report.rows.photographs import middle_level
-from maskfab.report.rows.text import short
-from maskfab.report.rows.verdicts import PLANTED
+from maskfab.report.text import short
+from maskfab.report.verdicts import FITS, LIVES, LOOKS, PLANTED
 
 Mood = Literal["good", "bad", "some", "open"]
 
@@ -254,11 +254,11 @@ def _limit_words(dies: Mapping[str, Record], name: str, free: str, cost: MeanDif
     if missed:
         kept = [verdict for verdict in _VERDICTS if verdict not in missed]
         rest = f" {name} keeps {_and(kept)}." if kept else ""
-        return f"No die keeps FITS, LOOKS and LIVES. What binds is {told(breaches(dies[name]))}.{rest}"
+        return f"No die keeps FITS, LOOKS and LIVES. What binds is {breach_words(breaches(dies[name]))}.{rest}"
     if name == free:
         return "The limits of the display cost nothing: no die that breaks one has a higher mean."
     amount = cost.told(digits=1).lstrip("+")
-    why = told(breaches(dies[free]))
+    why = breach_words(breaches(dies[free]))
     return f"The limits of the display cost {amount}: {free} restores better by that, but breaks {why}."
 
 

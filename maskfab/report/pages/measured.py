@@ -37,7 +37,7 @@ from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import Quantities, quantity_document, short
+from maskfab.report.text import Quantities, quantity_document, short
 
 SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
 IF_IT_HELD = "If the model held, which it does not by as much as stated above:"
@@ -299,11 +299,7 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
 
 
 def write_capture(place: Place, measured: Measured, document: Record, notes: Sequence[str]) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything into a directory that appears whole, and return the paths."""
 
     def write_light(folder: Path) -> None:
         write_merged(measured.merged, folder / LIGHT, folder / SIGMA)
@@ -473,11 +469,7 @@ def write_measured(
     """Write everything into a directory that appears whole, and return the paths.
 
     Args:
-        document: what measure.json says; its ``job_hash`` is None without a job.
         more: writes other files into the folder that it is given.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
     """
     with staged(place) as folder:
         (folder / PAGE).write_text(page, encoding="utf-8")

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from maskfab.base.provenance import environments, versions
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_MM
+from maskfab.findings.photographs import middle_level
 from maskfab.job.camera import median_nm
 from maskfab.report.documents.numbers import methods
 from maskfab.report.documents.report import report_text
@@ -25,12 +26,12 @@ from maskfab.report.documents.shape import WORST, Record
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures.display import seen_pixels
 from maskfab.report.pages.appendix import by_name
+from maskfab.report.pages.breaches import LimitLine, broken, judged_verdicts, limit_lines
 from maskfab.report.pages.front import Best, assumptions, best, crops, decision, shown_dies, stamps
-from maskfab.report.pages.limits import FITS, LIVES, LOOKS, LimitLine, broken, judged_verdicts, limit_lines
 from maskfab.report.pages.links import linked_places
 from maskfab.report.pages.tables import DieLine, die_table
 from maskfab.report.pages.template import ROW_FILTERS, page_environment, references, style
-from maskfab.report.rows.photographs import middle_level
+from maskfab.report.verdicts import FITS, LIVES, LOOKS
 
 _KEY = (
     "restored_psnr", "restored_gain", "stop_open_ratio", WORST, "mtf50", "auc_radial_min", "halo_energy",
@@ -41,7 +42,7 @@ _KEY = (
 _MAIN = ("restored_psnr", "restored_gain", "readback_psf_difference", "flat_delta_e_mean", "model_bar")
 """Numbers whose methods page 2 tells in full."""
 _COLUMNS = ("delta_e", "grain", "emitters", "life")
-"""Numbers of displays that the table of dies has, by the names of :mod:`maskfab.report.pages.limits`."""
+"""Numbers of displays that the table of dies has, by the names of :mod:`maskfab.report.pages.breaches`."""
 _MOST_FAILED = 6
 """Kinds of failed checks that page 2 tells with their cures."""
 SHORT_HASH = 16

@@ -40,7 +40,7 @@ from maskfab.report.pages.design import (
     rules_part,
 )
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.text import by_level
+from maskfab.report.text import by_level
 
 _LEFT, _FOOT, _WIDE, _HIGH, _GAP, _LEGEND = 0.6, 0.5, 3.4, 3.4, 0.2, 2.0
 _MOST_FIELDS = 4
@@ -352,11 +352,7 @@ def table(pareto: Pareto, designs: Designs) -> str:
 
 
 def write_pareto(place: Place, pareto: Pareto, document: Record, designs: Designs) -> list[Path]:
-    """Write everything, and its document, into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write everything, and its document, into a directory that appears whole, and return the paths."""
     with staged(place) as folder:
         for design in designs:
             names = _files(design)

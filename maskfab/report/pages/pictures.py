@@ -25,13 +25,13 @@ from maskfab.display.emitted_light import ideal, show
 from maskfab.display.eye import FLAT, PictureView, SeenPanel
 from maskfab.display.pictures import flat
 from maskfab.display.surround import BORDER
+from maskfab.findings.analysis import Analysis
 from maskfab.mask.formats.exr import Facts, psf_facts, write_exr, write_png, write_psf
 from maskfab.optics.colour import code_of_light
 from maskfab.report.documents.shape import document_text
 from maskfab.report.figures import die, scene
 from maskfab.report.figures.sheet import INK, QUIET, bitmap, place, styled
-from maskfab.report.rows.analysis import Analysis
-from maskfab.report.rows.text import quantity_document
+from maskfab.report.text import quantity_document
 
 _TITLES: Mapping[str, str] = MappingProxyType(
     {
@@ -214,9 +214,6 @@ def write_rendering(
 
     For each die and picture: ``DIE_PICTURE.exr`` and ``.png`` are the emitted light, ``samples`` along a pixel (the PNG
     as bright as its brightest sample allows), ``DIE_PICTURE_seen.png`` what the eye takes in.
-
-    Raises:
-        OutputError: MF401, MF402 if the directory cannot be written or is not empty.
     """
     total = sum(len(panel.images) for panel in panels)
     with staged(check_target(target, force=False)) as folder:

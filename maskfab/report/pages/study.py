@@ -25,6 +25,7 @@ from maskfab.base.quantities import columns
 from maskfab.base.units import dpi
 from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.scores import CONFIDENCE, Score, ScoreTable
+from maskfab.findings.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
 from maskfab.optics.metrics import auc_radial_min
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures import sheet
@@ -33,8 +34,7 @@ from maskfab.report.figures.scene import tile
 from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
 from maskfab.report.pages.tables import Line, Table
 from maskfab.report.pages.template import page_template, style
-from maskfab.report.rows.study import OWN_SCENE, Claim, Finding, Setting, Study, Take, Verdict
-from maskfab.report.rows.text import short
+from maskfab.report.text import short
 
 _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 _WIDE, _HIGH, _LEFT, _FOOT, _TOP, _GAP, _LEGEND = 3.0, 2.1, 0.55, 0.62, 0.3, 0.62, 2.0
@@ -410,11 +410,7 @@ def study_document(study: Study) -> dict[str, Any]:
 
 
 def write_study(place: Place, study: Study) -> list[Path]:
-    """Write page, numbers and figures into a directory that appears whole, and return the paths.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.folders.staged`.
-    """
+    """Write page, numbers and figures into a directory that appears whole, and return the paths."""
     drawn: dict[str, Drawing] = {}
     if study.scores:
         drawn["scores"] = scores_figure(study)

@@ -18,12 +18,12 @@ import numpy as np
 
 from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.scores import MeanDifference
+from maskfab.findings.bands import BIAS_UM, SHARE
+from maskfab.findings.photographs import middle_level
 from maskfab.job.camera import median_nm
 from maskfab.mask.writer import Reading
 from maskfab.report.documents.shape import WORST, Record
-from maskfab.report.rows.bands import BIAS_UM, SHARE
-from maskfab.report.rows.photographs import middle_level
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.text import rounded, short
 
 
 @dataclass(frozen=True)

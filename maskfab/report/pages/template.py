@@ -17,7 +17,7 @@ from maskfab.base.quantities import registered
 from maskfab.base.resources import template
 from maskfab.report.documents.numbers import Methods
 from maskfab.report.documents.shape import Record
-from maskfab.report.rows.text import EXACT, rounded, short, told
+from maskfab.report.text import EXACT, rounded, short, value_and_error
 
 
 def page_environment(**filters: Callable[..., Any]) -> Environment:
@@ -34,13 +34,13 @@ _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm
 
 def value(row: Record) -> str:
     """The value to the digits that its error allows; a bound says so."""
-    text, _ = told(row["value"], row["uncertainty"], row["unit"])
+    text, _ = value_and_error(row["value"], row["uncertainty"], row["unit"])
     return f"≤ {text}" if "at_most" in row else text
 
 
 def plusminus(row: Record) -> str:
     """The error bar with its sign; a word where it is rounding alone, nothing where there is none."""
-    _, error = told(row["value"], row["uncertainty"], row["unit"])
+    _, error = value_and_error(row["value"], row["uncertainty"], row["unit"])
     return error if error in ("", EXACT) else f"± {error}"
 
 
@@ -84,7 +84,7 @@ def where(row: Record) -> str:
 
 def decibel(value: float) -> str:
     """A number of decibels of which no error is known."""
-    return told(float(value), None, "dB")[0]
+    return value_and_error(float(value), None, "dB")[0]
 
 
 ROW_FILTERS: Mapping[str, Callable[..., Any]] = MappingProxyType(
@@ -100,7 +100,6 @@ def references(listed: Methods, page: str = "") -> Callable[[Iterable[Record | N
     """Writes the keys of the methods of some rows, each a link into the list of methods.
 
     Args:
-        listed: of the report.
         page: that has the list; "" for the same one.
     """
 
@@ -114,7 +113,7 @@ def references(listed: Methods, page: str = "") -> Callable[[Iterable[Record | N
 @cache
 def page_template(name: str, **filters: Callable[..., Any]) -> Template:
     """A page by its file in export_templates/, compiled once; ``number`` rounds, ``told`` does so by the error."""
-    return page_environment(number=rounded, told=told, **filters).from_string(template(name))
+    return page_environment(number=rounded, told=value_and_error, **filters).from_string(template(name))
 
 
 @cache

@@ -313,11 +313,7 @@ def mask_file(files: Iterable[Record]) -> Record | None:
 
 
 def _unchanged(folder: Path, row: Record) -> Path:
-    """Path of a file that the manifest knows as it is.
-
-    Raises:
-        OutputError: MF407 if it was changed, or cannot be read.
-    """
+    """Path of a file that the manifest knows as it is."""
     path, cure = folder / str(row["path"]), "Run its job again, or put the file back as the run wrote it"
     try:
         same = sha256_of_file(path) == row["sha256"]

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from maskfab.base.model import Panel, Psf
 from maskfab.camera.frames.frame import Frame
+from maskfab.findings.optics import polygon_psf, stop_boundary
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process
 from maskfab.mask.writer import Reading, written_region
@@ -20,7 +21,6 @@ from maskfab.optics.phase import Wavefront, phased, phased_psf, window_frequency
 from maskfab.optics.psf import odd_samples, pixel_margin, pixel_psf, point_step_um
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.stop_edges import edges_in_stop
-from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 Floats = NDArray[np.float64]
 READ_NOISE, GAIN, BLACK, WHITE = 4.87, 1.3, 512.0, 65535.0

@@ -8,11 +8,11 @@ from klayout import db
 from optics_cases import camera
 
 from maskfab.base.model import CLEAR, Die, Plate
+from maskfab.findings.foreign import optics_of_like
 from maskfab.job.camera import Stop
 from maskfab.job.process import UNSTATED
 from maskfab.mask.layout import layer_info, plate_layout
 from maskfab.mask.raster import axis_nm, light_box, sees_light
-from maskfab.report.rows.foreign import optics_of_like
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

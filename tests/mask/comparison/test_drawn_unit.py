@@ -10,9 +10,9 @@ from sweeps import sweep
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR
+from maskfab.findings.foreign import How, check_foreign
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.layout import plate_layout, region
-from maskfab.report.rows.foreign import How, check_foreign
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

@@ -15,6 +15,8 @@ from small_job import command, edited, write_job
 import maskfab as mf
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import CLEAR, Mark
+from maskfab.findings.foreign import How, check_foreign, only_die, optics_of_like, optics_of_unlike
+from maskfab.findings.optics import measure
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.mask.comparison.alignment import StatedLayers, clear_only
 from maskfab.mask.formats.dxf_writer import write_dxf
@@ -23,8 +25,6 @@ from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.formats.gerber import write_gerber
 from maskfab.mask.layout import clear_shapes, plate_layout, region
 from maskfab.mask.raster import light_box
-from maskfab.report.rows.foreign import How, check_foreign, only_die, optics_of_like, optics_of_unlike
-from maskfab.report.rows.optics import measure
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

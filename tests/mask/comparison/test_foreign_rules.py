@@ -14,10 +14,10 @@ from klayout import db
 from small_job import command, edited, write_job
 from sweeps import sweep
 
+from maskfab.findings import foreign
+from maskfab.findings.foreign import check_foreign
 from maskfab.mask.comparison import faults
 from maskfab.mask.limits import children_seconds
-from maskfab.report.rows import foreign
-from maskfab.report.rows.foreign import check_foreign
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

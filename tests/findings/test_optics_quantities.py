@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from maskfab.base.model import Opening, Panel, Psf, Quantity, Tiling
+from maskfab.findings.analysis import Request, analyse_opening
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.raster import read_aperture
 from maskfab.optics import metrics
@@ -18,7 +19,6 @@ from maskfab.optics.lags import axis_lags, lag_table
 from maskfab.optics.mtf import aliased_mtf, longest_lag_um, presampled_mtf
 from maskfab.optics.pupil import Lattice, cut, panel_aperture
 from maskfab.optics.spectrum import Spectrum, pixel_transfer, polychromatic_otf
-from maskfab.report.rows.analysis import Request, analyse_opening
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 128.0)
 RING = np.array([[0, 1, 1, 0, 1], [1, 1, 0, 0, 1], [1, 0, 0, 1, 1], [0, 0, 1, 1, 0], [0, 0, 0, 0, 0]], dtype=bool)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from operator import attrgetter
+from typing import Literal, TypeAlias
 
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import Subject, registered
@@ -17,6 +18,12 @@ from maskfab.display.drive import BY_AREA
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.limits import Limited, kept
+
+FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
+"""Verdicts on displays, by name."""
+LimitVerdict: TypeAlias = Literal["KEPT", "BROKEN"]
+KEPT: LimitVerdict = "KEPT"
+BROKEN: LimitVerdict = "BROKEN"
 
 
 @dataclass(frozen=True)
@@ -98,11 +105,11 @@ class Limits:
         return self.dies - self.kept
 
     @property
-    def verdict(self) -> str | None:
+    def verdict(self) -> LimitVerdict | None:
         """BROKEN if any die breaks one; None where there is nothing to judge."""
         if not self.dies:
             return None
-        return "BROKEN" if self.broken else "KEPT"
+        return BROKEN if self.broken else KEPT
 
     @property
     def words(self) -> str:
@@ -186,11 +193,11 @@ class Verdicts:
         verdict = "NOT JUDGED" if self.display.verdict is None else self.display.verdict.value
         passes = "can be ordered" if self.house else "files check; no mask house chosen"
         seen, lived = (f"{limits.verdict or 'NOT JUDGED'}: {limits.words}" for limits in (self.looks, self.lives))
-        displays = (f"FITS: {verdict}: {self.display.words}", f"LOOKS: {seen}", f"LIVES: {lived}")
+        displays = (f"{FITS}: {verdict}: {self.display.words}", f"{LOOKS}: {seen}", f"{LIVES}: {lived}")
         return (
             _line("FILES", self.files, (passes, "do not order")) + self.tried,
             _line("OPTICS", self.optics, ("proved from the files", "not proved")),
-            *(displays if self.display.asked else (f"FITS, LOOKS, LIVES: NOT JUDGED: {self.display.words}",)),
+            *(displays if self.display.asked else (f"{FITS}, {LOOKS}, {LIVES}: NOT JUDGED: {self.display.words}",)),
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
@@ -221,7 +228,7 @@ class Verdicts:
 def _limits(numbers: list[tuple[Limited, ...]], aside: tuple[Limited, ...], reference: str) -> Limits:
     """Count displays that keep their limits; ``aside`` are the numbers of the reference, which is not counted."""
     held = [own for own in numbers if own]
-    said = f"; the reference {reference}: {'KEPT' if kept(aside) else 'BROKEN'}" if aside else ""
+    said = f"; the reference {reference}: {KEPT if kept(aside) else BROKEN}" if aside else ""
     stated = any(number.stated for own in (*held, aside) for number in own)
     failed = (number for own in held for number in own if number.passed is False)
     broken = dict.fromkeys(f"{one.title} (a default)" if stated and not one.stated else one.title for one in failed)

@@ -18,6 +18,15 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import CLEAR, Box, Die, Mtf, Plate, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
+from maskfab.findings.optics import (
+    INVARIANT_LIMIT_ROUND,
+    READBACK_LIMIT,
+    Measured,
+    lit_pupils,
+    measure,
+    measure_pupils,
+    stop_boundary,
+)
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.job.sections import LimitsSection
@@ -63,15 +72,6 @@ from maskfab.optics import metrics
 from maskfab.optics.psf import Leak, pixel_margin
 from maskfab.optics.pupil import Lattice, cut
 from maskfab.optics.stop_edges import edges_in_stop, stop_box
-from maskfab.report.rows.optics import (
-    INVARIANT_LIMIT_ROUND,
-    READBACK_LIMIT,
-    Measured,
-    lit_pupils,
-    measure,
-    measure_pupils,
-    stop_boundary,
-)
 
 MOST_SEEN_ALONE = 50_000
 """Shapes before a stop whose optics are measured though they are not the design's."""
@@ -286,11 +286,7 @@ def check_foreign(
 
     Args:
         plate: the design, or one die of it, see :func:`only_die`.
-        camera: what looks through it.
         limits: the job's; the whole file keeps them, or is no worse than the design by the design's own smallest.
-        path: the file, of any kind that :func:`read_layout` or :func:`read_picture` reads.
-        how: what the file does not say itself.
-        blank: what the job states of the plate.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
 
     Raises:

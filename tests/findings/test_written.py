@@ -12,6 +12,9 @@ from sweeps import sweep
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Opening, Panel, Plate, Tiling, Track, orient
+from maskfab.findings import as_written as module
+from maskfab.findings.as_written import Written, measure_written
+from maskfab.findings.optics import polygon_psf, stop_boundary
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Process, Roughness
 from maskfab.mask.layout import clear_shapes, plate_layout
@@ -24,9 +27,6 @@ from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.stop_edges import edges_in_stop, stop_box
 from maskfab.report.figures import die as written_figures
 from maskfab.report.figures.die import bitmaps, written_pictures
-from maskfab.report.rows import as_written as module
-from maskfab.report.rows.as_written import Written, measure_written
-from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 128.0)
 LINE = replace(CAMERA, wavelengths_nm=(530.0,), window_um=64.0)

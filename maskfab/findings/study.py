@@ -30,6 +30,7 @@ from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.scenes import Folder, Photograph, drawn
 from maskfab.camera.scores import Crop, MeanDifference, Score, truth_of
+from maskfab.findings.photographs import Conditions, Surroundings, uses_of
 from maskfab.job.camera import Camera
 from maskfab.job.faults import parse_section
 from maskfab.job.reference import USES, unused
@@ -42,7 +43,6 @@ from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.restoration import sensor_square
 from maskfab.optics.spectrum import line_spectrum
-from maskfab.report.rows.photographs import Conditions, Surroundings, uses_of
 
 
 class Verdict(StrEnum):
@@ -241,7 +241,7 @@ class Setting:
         return self.conditions.protocol
 
     def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
-        """As :meth:`maskfab.report.rows.photographs.Conditions.design`, restored by the blur of the reference, if
+        """As :meth:`maskfab.findings.photographs.Conditions.design`, restored by the blur of the reference, if
         it is given."""
         design, notes = self.conditions.design(name, panel, Surroundings.of(self.job))
         if self.reference is None:
@@ -354,7 +354,7 @@ def planned(
     Raises:
         JobError: MF146 without [study], or for one that shows nothing or has no scenes; MF145 for a claim about what
             the study does not have; else as for a job, for :func:`maskfab.mask.job.with_masks` and for
-            :meth:`maskfab.report.rows.photographs.Conditions.of`.
+            :meth:`maskfab.findings.photographs.Conditions.of`.
     """
     job, stand_in = with_masks(job, masks or {})
     study, where = job.spec.study, job.where
@@ -472,11 +472,7 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
 
 @one_thread
 def made(plan: Plan, progress: Progress = silent, workers: Workers = EVERY_CORE) -> Study:
-    """Make a study.
-
-    Raises:
-        JobError: for a die that cannot be photographed, as :meth:`maskfab.report.rows.photographs.Conditions.design`.
-    """
+    """Make a study."""
     optics = {}
     for done, (name, panel) in enumerate(plan.panels.items() if plan.study.optics else ()):
         progress("optics", done, len(plan.panels))

@@ -13,6 +13,8 @@ from small_job import MASK
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
+from maskfab.findings.optics import reach_box, read_openings
+from maskfab.findings.scene import SceneOptics, distance, measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.layout import clear_shapes, plate_layout
 from maskfab.optics.metrics import relative_difference
@@ -21,8 +23,6 @@ from maskfab.optics.response import camera_bands, generic_rgb
 from maskfab.optics.scene.point_images import spectrum_psf
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import Band, Curve
-from maskfab.report.rows.optics import reach_box, read_openings
-from maskfab.report.rows.scene import SceneOptics, distance, measure_scene, peak_bytes, scene_plan, scene_reach_um
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 64.0)
 RANDOM = np.random.default_rng(5).integers(0, 8, (12, 12)).astype(np.int8)

@@ -19,6 +19,17 @@ from maskfab.base.model import CLEAR, Die, Mtf, Opening, Panel, Plate, Psf, Quan
 from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.findings.optics import (
+    INVARIANT_LIMIT_ROUND,
+    READBACK_ERROR,
+    LitPupils,
+    lit_pupils,
+    measure,
+    measure_pupils,
+    read_openings,
+    stop_boundary,
+)
+from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.die import check_lens, check_optics, even_nm
 from maskfab.job.process import UNSTATED, MaskBlank
@@ -43,17 +54,6 @@ from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, stop_box, sweep_s
 from maskfab.optics.tiling import orientations
-from maskfab.report.rows.optics import (
-    INVARIANT_LIMIT_ROUND,
-    READBACK_ERROR,
-    LitPupils,
-    lit_pupils,
-    measure,
-    measure_pupils,
-    read_openings,
-    stop_boundary,
-)
-from maskfab.report.rows.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
@@ -71,7 +71,6 @@ class Request:
     """Options for the analysis of a file.
 
     Attributes:
-        camera: what looks through it.
         pitch_um, dot_um: the cell and its dots; where an opening does not state them itself.
         gutter_um: opaque space round every cell.
         tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
@@ -110,11 +109,7 @@ class Analysis:
 
 
 def described_scene(section: SceneSection, camera: Camera, where: str) -> Scene:
-    """The scene of a section that did not come from a job; tables of curves are read from their paths.
-
-    Raises:
-        SourceError, JobError: for a table that is at fault.
-    """
+    """The scene of a section that did not come from a job; tables of curves are read from their paths."""
     stated = section.spectrum, section.illuminant, section.projection
     named = [name for name in stated if isinstance(name, str) and is_table(name)]
     return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, camera=camera, where=where)
@@ -403,11 +398,7 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
 
 
 def _merged(drawn: db.Region, path: Path) -> db.Region:
-    """Polygons merged by a sweep along the axis on which fewer edges are met at once.
-
-    Raises:
-        SourceError: MF313 if that still takes too long.
-    """
+    """Polygons merged by a sweep along the axis on which fewer edges are met at once."""
     across, up = sweep_s(drawn)
     if min(across, up) > _LONGEST_MERGE_S:
         what = f"polygons of {path.name} that touch or overlap would take {min(across, up):.0f} s to merge"
@@ -434,11 +425,7 @@ def _lie_apart(drawn: db.Region) -> bool:
 
 
 def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> None:
-    """Give the optics of so many shapes the time and memory that they need.
-
-    Raises:
-        SourceError: MF313 if they are too many.
-    """
+    """Give the optics of so many shapes the time and memory that they need."""
     drawn = db.Region(shapes)
     drawn.merged_semantics = False
     edges = region_edges(drawn)

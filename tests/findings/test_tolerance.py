@@ -12,6 +12,8 @@ from small_job import write_job
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Opening, Panel, Tiling
+from maskfab.findings.as_written import fused_optics, measure_written
+from maskfab.findings.bands import Band, ProcessSpread, _inner, band_quantities, bands
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Process
 from maskfab.mask.job import load_job
@@ -19,8 +21,6 @@ from maskfab.mask.writer import Reading
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.optics.psf import ReadyPupil
 from maskfab.optics.pupil import cut, panel_aperture
-from maskfab.report.rows.as_written import fused_optics, measure_written
-from maskfab.report.rows.bands import Band, ProcessSpread, _inner, band_quantities, bands
 from maskfab.runs.pipeline import run
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"

@@ -105,10 +105,7 @@ class Conditions:
 
         Args:
             job: whose camera, sensor and exposure protocol "camera" takes; "f1" and "paper" have their own.
-            protocol: by name.
-            levels: in place of those that the job states.
             light: scenes as linear light or as code values; None for the protocol's own.
-            brackets: in place of those that the job states.
 
         Raises:
             JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
@@ -165,12 +162,7 @@ class Conditions:
         return named(others), AUTO in given
 
     def design(self, name: str, panel: Panel, around: Surroundings) -> tuple[Design, tuple[str, ...]]:
-        """A die as it is photographed, and sentences on what the photographs leave out.
-
-        Raises:
-            JobError: as :func:`maskfab.camera.lens.laid_panel` for a fixed protocol, else as
-                :func:`maskfab.camera.die_transfer.die_transfer`.
-        """
+        """A die as it is photographed, and sentences on what the photographs leave out."""
         if isinstance(self.camera, PhotoCamera):
             return laid_panel(name, panel, self.camera), (f"assumed: {ASSUMED}",)
         scene = around.scene or Scene()

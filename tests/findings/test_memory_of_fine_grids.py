@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from klayout import db
 
+from maskfab.findings import analysis
+from maskfab.findings.analysis import Request
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, MaskBlank
 from maskfab.optics.psf import Leak
 from maskfab.optics.pupil import Aperture, Lattice, cut, zeros
 from maskfab.optics.scene.model_bar import model_bar
-from maskfab.report.rows import analysis
-from maskfab.report.rows.analysis import Request
 
 ACROSS = 500
 CAMERA = Camera(2000.0, Stop("circle", 400.0), (530.0,), 2.0, 16.0)

@@ -44,14 +44,8 @@ from maskfab.camera.die_transfer import MOST_ACROSS, DieTransfer
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, RestoredBy
 from maskfab.camera.protocol import Protocol, evaluate
-from maskfab.job.camera import Camera
-from maskfab.job.process import Process
-from maskfab.mask.writer import Reading, check_process
-from maskfab.optics import metrics
-from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_step_um
-from maskfab.report.rows.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
-from maskfab.report.rows.photographs import (
+from maskfab.findings.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
+from maskfab.findings.photographs import (
     Conditions,
     Photographs,
     Surroundings,
@@ -59,7 +53,13 @@ from maskfab.report.rows.photographs import (
     middle_level,
     noise_told,
 )
-from maskfab.report.rows.scene import scene_reach_um
+from maskfab.findings.scene import scene_reach_um
+from maskfab.job.camera import Camera
+from maskfab.job.process import Process
+from maskfab.mask.writer import Reading, check_process
+from maskfab.optics import metrics
+from maskfab.optics.mtf import area_under_radial_min, frequency_at, worst_directions
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_step_um
 
 Case = TypeVar("Case")
 Terms: TypeAlias = tuple[Floats, Floats, Floats, Floats]
@@ -188,11 +188,7 @@ def at_corner(terms: Terms) -> Floats:
 
 
 def check_spread(process: Process, spread: ProcessSpread, panel: Panel, where: str = "") -> None:
-    """Refuse a spread of which some case cannot be written on a panel's dots.
-
-    Raises:
-        JobError: MF104, MF127.
-    """
+    """Refuse a spread of which some case cannot be written on a panel's dots."""
     for x, y in ((-2, 0), (2, 0), (0, 2), CORNER):
         check_process(spread.moved(process, x, y), panel, f"{where}, with process.spread")
 
@@ -288,9 +284,6 @@ def band_quantities(
 
     Args:
         frequencies: at which the MTF in its worst direction is told, cycles per millimetre of sensor.
-
-    Raises:
-        JobError: MF104, MF127 for a spread that dots or gutters do not bear.
     """
     name, named = written.die.name, bands(written, camera, spread, frequencies, where)
     rows = [band.row(name, spread) for band in named]
@@ -382,7 +375,6 @@ class _Photographed:
     """A die whose processes are photographed, each restored by the filter of the die as drawn.
 
     Attributes:
-        conditions: of the photographs.
         half_width_um: of the openings that light comes through; None for those in front of the stop.
         parts: of a dot.
     """

@@ -111,9 +111,6 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         blank: what the plate is made of; a leak whose phase is stated is part of every number.
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.mask.layout.clear_shapes`.
-
-    Raises:
-        InternalError: MF324 if nothing is, which the design itself cannot have.
     """
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
@@ -239,11 +236,7 @@ class LitPupils:
 
 
 def lit_pupils(pupil: Pupil, leak: Leak | None, camera: Camera, outline: OutlineLags | None = None) -> LitPupils:
-    """The lags that the camera needs.
-
-    Args:
-        outline: polygons of which the pupil is a raster.
-    """
+    """The lags that the camera needs."""
     reach = longest_lag_um(camera)
     if leak is not None:
         return LitPupils(*lit_lags(pupil, leak, reach), leak)

@@ -12,12 +12,12 @@ from scipy.special import ndtri
 from maskfab.base.model import Die, Opening, Panel, Tiling, refined
 from maskfab.camera.protocol import Protocol
 from maskfab.camera.scores import Score
+from maskfab.findings.as_written import written_openings
+from maskfab.findings.bands import DRAWN, Expansion, ProcessSpread, _Photographed, restored_bands, restored_expansion
+from maskfab.findings.photographs import Conditions, Photographs, Restored, Surroundings
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import UNSTATED, Process
 from maskfab.optics.pupil import panel_aperture
-from maskfab.report.rows.as_written import written_openings
-from maskfab.report.rows.bands import DRAWN, Expansion, ProcessSpread, _Photographed, restored_bands, restored_expansion
-from maskfab.report.rows.photographs import Conditions, Photographs, Restored, Surroundings
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 64.0)
 MASK = np.zeros((7, 7), dtype=bool)

@@ -17,11 +17,8 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scores import MeanDifference, Score
-from maskfab.mask.job import load_job
-from maskfab.report.documents.die import PhotographsPart, photographs_document
-from maskfab.report.pages.tables import best_photographed, photograph_table
-from maskfab.report.rows import photographs
-from maskfab.report.rows.photographs import (
+from maskfab.findings import photographs
+from maskfab.findings.photographs import (
     CROP,
     NOISE_DB,
     Conditions,
@@ -31,6 +28,9 @@ from maskfab.report.rows.photographs import (
     middle_level,
     photograph_die,
 )
+from maskfab.mask.job import load_job
+from maskfab.report.documents.die import PhotographsPart, photographs_document
+from maskfab.report.pages.tables import best_photographed, photograph_table
 from maskfab.runs.stages import begin_photographs
 
 JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"

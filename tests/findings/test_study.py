@@ -24,6 +24,8 @@ from maskfab.camera.imaging import Margin
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import MeanDifference, Score
 from maskfab.cli.program import run_command_line
+from maskfab.findings import study as studies
+from maskfab.findings.study import Take, Verdict, planned, verdict, worst
 from maskfab.mask.formats.exr import write_png
 from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import load_opening
@@ -35,8 +37,6 @@ from maskfab.report.pages.study import (
     study_document,
     study_page,
 )
-from maskfab.report.rows import study as studies
-from maskfab.report.rows.study import Take, Verdict, planned, verdict, worst
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted((ROOT / "layouts" / "studies").glob("*.toml"))

@@ -69,7 +69,9 @@ _DECIBELS = 2
 """Decimals of a value in dB at most."""
 
 
-def told(value: float | str | None, error: float | None = None, unit: str = "1", digits: int = 4) -> tuple[str, str]:
+def value_and_error(
+    value: float | str | None, error: float | None = None, unit: str = "1", digits: int = 4
+) -> tuple[str, str]:
     """A number and its error as a reader is told them: no digit that the error does not allow, and few at most.
 
     Args:
@@ -173,11 +175,7 @@ class Quantities(Sequence[Quantity]):
         return [quantity_document(quantity) for quantity in self._all]
 
     def to_dataframe(self) -> DataFrame:
-        """One row for each number, as report.json has it.
-
-        Raises:
-            JobError: MF152 without pandas.
-        """
+        """One row for each number, as report.json has it."""
         return dataframe(self.to_dict())
 
     def __str__(self) -> str:
@@ -224,11 +222,7 @@ def html_table(quantities: Iterable[Quantity]) -> str:
 
 
 def dataframe(rows: Sequence[Mapping[str, Any]] | Mapping[Any, Any]) -> DataFrame:
-    """Rows, or columns by their names, as a DataFrame of pandas.
-
-    Raises:
-        JobError: MF152 without pandas.
-    """
+    """Rows, or columns by their names, as a DataFrame of pandas."""
     require("pandas", what="a DataFrame", otherwise="use to_dict()")
     from pandas import DataFrame
 
@@ -251,13 +245,13 @@ def _value(quantity: Quantity) -> str:
     """With the digits that its error allows, or six where none is known."""
     value = quantity.value
     if isinstance(value, float) and quantity.uncertainty and abs(value) >= _NOTHING:
-        text, error = told(value, quantity.uncertainty, quantity.unit, 6)
+        text, error = value_and_error(value, quantity.uncertainty, quantity.unit, 6)
         return f"{value:.6g}" if error == EXACT else _plain(text)
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _error(quantity: Quantity) -> str:
-    _, error = told(quantity.value, quantity.uncertainty, quantity.unit)
+    _, error = value_and_error(quantity.value, quantity.uncertainty, quantity.unit)
     return error if error in ("", EXACT) else f"± {_plain(error)}"
 
 
@@ -392,8 +386,8 @@ def _robust_lines(designed: Designed, robust: Robustness) -> list[str]:
 
 
 def _scene_lines(designed: Designed, scene: SceneDesign) -> list[str]:
+    from maskfab.findings.scene import distance
     from maskfab.optics.gap import AXIS
-    from maskfab.report.rows.scene import distance
 
     seen, panel = scene.seen, scene.panel
     lines = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(designed, panel.mean)}, mean"]

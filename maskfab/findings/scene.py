@@ -114,11 +114,7 @@ _LARGEST_SLOPE = 0.9 / math.sqrt(1 - 0.9**2)
 
 
 def scene_plan(die: Die, camera: Camera, scene: Scene, accuracy: float, where: str) -> Plan:
-    """The plan of a die; its errors name the die.
-
-    Raises:
-        JobError: as for :func:`maskfab.optics.scene.plan.plan`.
-    """
+    """The plan of a die; its errors name the die."""
     try:
         return plan_scene(die.panel, camera, scene, accuracy)
     except JobError as error:
@@ -149,11 +145,7 @@ def measure_scene(
 
     Args:
         openings: as read back, as far as :func:`scene_reach_um`.
-        plan: how to model the scene.
         blank: what the plate is made of; of it a scene holds the glass alone.
-
-    Raises:
-        JobError: MF115 if the plan cannot be computed.
     """
     shown = _Shown(die, camera, scene, openings, plan)
     field, depth, colours = shown.over_field(), shown.over_depth(), shown.of_bands()

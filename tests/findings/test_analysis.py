@@ -18,8 +18,8 @@ import maskfab
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Tiling
 from maskfab.base.provenance import sha256_of_file
+from maskfab.findings.analysis import Request, analyse
 from maskfab.job.camera import Camera, Stop
-from maskfab.report.rows.analysis import Request, analyse
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -204,7 +204,7 @@ def test_an_opening_of_one_orientation_does_not_care_how_it_is_turned(tmp_path):
 
 def test_a_mask_of_odd_coordinates_is_seen_through_a_fine_grid_and_says_so(tmp_path, monkeypatch):
     """Edges at odd nanometres share no grid that could be held, so the raster is grey and its error is told."""
-    monkeypatch.setattr("maskfab.report.rows.analysis._FINEST_GRID", 800)  # quicker
+    monkeypatch.setattr("maskfab.findings.analysis._FINEST_GRID", 800)  # quicker
     generator = np.random.default_rng(1)
     corners = 20_000 * np.arange(20)[:, None] + np.sort(generator.integers(1, 19_999, (20, 2)), axis=1)
     rows = corners.tolist()
@@ -222,7 +222,7 @@ def test_a_mask_of_odd_coordinates_is_seen_through_a_fine_grid_and_says_so(tmp_p
     assert 1e-8 < difference.value < 1e-2
     assert told(clean, "readback_psf_difference").value < 1e-7
     # What is told of the PSF is the polygons' own, which no raster has touched; so is the area.
-    monkeypatch.setattr("maskfab.report.rows.analysis._FINEST_GRID", 400)
+    monkeypatch.setattr("maskfab.findings.analysis._FINEST_GRID", 400)
     coarser = analyse(odd, Request(camera=CAMERA))
     assert told(coarser, "readback_psf_difference").value > difference.value
     for name in ("psf_energy_in_window", "ensquared_energy", "halo_energy", "streak_index"):
@@ -310,7 +310,7 @@ def test_masks_that_would_take_minutes_are_refused_by_a_forecast(tmp_path, monke
     assert numbers(path)["stop_open_ratio"] > 0
     for limit, what in (("_LONGEST_MERGE_S", "s to merge; the limit is 0 s"), ("_MOST_CROSSED", "run along .+ dots")):
         with monkeypatch.context() as held:
-            held.setattr(f"maskfab.report.rows.analysis.{limit}", 0)
+            held.setattr(f"maskfab.findings.analysis.{limit}", 0)
             with pytest.raises(SourceError, match=f"MF313.*{what}") as refused:
                 numbers(path)
         assert refused.value.cure
@@ -336,7 +336,7 @@ def test_a_coarser_grid_makes_the_error_grow(tmp_path):
 
 def test_a_round_hole_makes_an_airy_pattern(tmp_path, monkeypatch):
     """A polygon of 512 corners for a pinhole of 100 um, the stop far outside."""
-    monkeypatch.setattr("maskfab.report.rows.analysis._FINEST_GRID", 600)  # quicker
+    monkeypatch.setattr("maskfab.findings.analysis._FINEST_GRID", 600)  # quicker
     angles = 2 * np.pi * np.arange(512) / 512
     circle = [(round(50_000 * math.cos(a)), round(50_000 * math.sin(a))) for a in angles]
     camera = Camera(5000.0, Stop("square", 120.0), (530.0,), 2.0, 64.0)
@@ -438,7 +438,7 @@ def test_nothing_is_written_if_the_analysis_fails(capsys, tmp_path):
 
 
 def test_a_check_that_fails_is_exit_1_and_its_files_are_there(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("maskfab.report.rows.optics.READBACK_LIMIT", 0.0)
+    monkeypatch.setattr("maskfab.findings.optics.READBACK_LIMIT", 0.0)
     path = write_job(tmp_path).parent / "ring.toml"
     answer = command(capsys, "analyse", path, *LOOK, "--out", tmp_path / "out")
     assert answer.code == 1

@@ -29,6 +29,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Die, Mtf, Psf, Quantity, split_cells
 from maskfab.base.units import NM_PER_UM
+from maskfab.findings.optics import polygon_psf, stop_boundary
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Process, Roughness
 from maskfab.mask.raster import coverage
@@ -49,7 +50,6 @@ from maskfab.optics.psf import EdgeLengths, ReadyPupil, image_scale_um2, rough_p
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, covered_aperture, cut, panel_aperture
 from maskfab.optics.stop import inside
 from maskfab.optics.stop_edges import edges_in_stop, stop_region, whole_or_away
-from maskfab.report.rows.optics import polygon_psf, stop_boundary
 
 Vertices = NDArray[np.uint8]
 
@@ -101,7 +101,6 @@ class Written:
     """A die as drawn and as written.
 
     Attributes:
-        process: the writer's.
         drawn_psf: of the drawing, at points, on the same grid as those of the readings.
         drawn: MTFs of the drawing, by wavelength, from the same parts, so that what the stop's rim adds cancels.
         readings: the written die with kissing corners fused, and with them open.
@@ -175,11 +174,7 @@ class _Parts:
 
 
 def measure_written(die: Die, camera: Camera, process: Process, where: str = "") -> Written:
-    """PSF (at the middle wavelength), MTF (at every one) and open ratio of a die as written, in both readings.
-
-    Raises:
-        JobError: MF104, MF127 for a process that dots or gutters do not bear; MF115 for too many dots across the stop.
-    """
+    """PSF (at the middle wavelength), MTF (at every one) and open ratio of a die as written, in both readings."""
     check_process(process, die.panel, where)
     designed = _designed(die, camera)
     vertices = _vertices(designed)
@@ -205,11 +200,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
 
 
 def written_psf_quantities(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[Quantity, ...]:
-    """The quantities of :func:`measure_written` that need no MTF, equal to them, in a fifth of the time.
-
-    Raises:
-        JobError: MF104, MF127 for a process that dots or gutters do not bear.
-    """
+    """The quantities of :func:`measure_written` that need no MTF, equal to them, in a fifth of the time."""
     check_process(process, die.panel, where)
     designed = _designed(die, camera)
     vertices = _vertices(designed)
@@ -225,14 +216,7 @@ def written_psf_quantities(die: Die, camera: Camera, process: Process, where: st
 
 
 def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: str = "") -> WrittenOptics:
-    """A written die, kissing corners fused, for the comparison of processes that differ a little.
-
-    Args:
-        die, camera, process, where: as for :func:`measure_written`.
-
-    Raises:
-        JobError: as :func:`measure_written`.
-    """
+    """A written die, kissing corners fused, for the comparison of processes that differ a little."""
     check_process(process, die.panel, where)
     vertices = _vertices(_designed(die, camera))
     parts = _parts(vertices, die, process, where)
@@ -249,13 +233,9 @@ def written_openings(
     Rough edges are taken in the mean over all displays, as for the MTF.
 
     Args:
-        die, camera, process, where: as for :func:`measure_written`.
         parts: along a dot. An odd number, so that the edges of dots lie in the middle of parts: what moves them either
             way then changes the share of one part, and its middle hardly at all.
         half_width_um: cells farther than this from the axis are left out; None for those beyond the stop.
-
-    Raises:
-        JobError: MF104, MF127 for a process that dots or gutters do not bear.
     """
     check_process(process, die.panel, where)
     vertices = _vertices(_designed(die, camera, half_width_um))

@@ -13,11 +13,10 @@ from types import MappingProxyType
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.limits import AT_LEAST, TITLES
 from maskfab.report.documents.shape import Record
-from maskfab.report.rows.text import rounded, short
+from maskfab.report.text import rounded, short
+from maskfab.report.verdicts import BROKEN, FITS, LIVES, LOOKS
 
-FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
 _PARTS: Mapping[str, str] = MappingProxyType({LOOKS: "looks", LIVES: "lives"})
-BROKEN = "BROKEN"
 NOTHING = 1e-9
 """Of contrast, and of colour differences, which floating point makes of displays that are even."""
 
@@ -83,8 +82,8 @@ def _line(verdict: str, number: Record) -> LimitLine:
         verdict,
         number["name"],
         TITLES.get(number["name"], number["name"].replace("_", " ")),
-        _told(number["value"]),
-        _told(number["reference"]),
+        _three_digits(number["value"]),
+        _three_digits(number["reference"]),
         "" if bound is None else f"{side} {short(bound, 3)}",
         number["unit"],
         number["source"],
@@ -93,7 +92,7 @@ def _line(verdict: str, number: Record) -> LimitLine:
     )
 
 
-def _told(value: float | None) -> str:
+def _three_digits(value: float | None) -> str:
     """To three digits: what an eye tells apart, or a lifetime, is not known better. Rounding alone is nothing."""
     return "" if value is None else "0" if abs(value) < NOTHING else rounded(float(value), 3)
 
@@ -124,7 +123,7 @@ def breaches(die: Record, verdicts: Sequence[str] = (FITS, LOOKS, LIVES)) -> tup
     return tuple(line for line in limit_lines(die) if line.passed is False and line.verdict in verdicts)
 
 
-def told(lines: Sequence[LimitLine]) -> str:
+def breach_words(lines: Sequence[LimitLine]) -> str:
     """Limits that some numbers break, by verdict, and whose the limits are."""
     words = [
         f"{name} ({'; '.join(line.sentence for line in lines if line.verdict == name)})"

@@ -12,9 +12,9 @@ from scipy.special import ndtri
 from maskfab.base.model import Die, Emitters, Opening, Panel, Tiling
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.polygon_check import left_of_emitters
+from maskfab.findings.bands import ProcessSpread
+from maskfab.findings.display import footprint_band
 from maskfab.job.process import Process
-from maskfab.report.documents.display import footprint_band
-from maskfab.report.rows.bands import ProcessSpread
 
 STRIPE = np.zeros((7, 7), dtype=bool)
 STRIPE[:, 3] = True
