@@ -658,13 +658,13 @@ def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | No
         return
     for mark in figures.marks:
         for polygon in mark.shapes.get(layer, ()):
-            yield filled(pen, polygon)
+            yield _filled(pen, polygon)
     if layer in figures.merged:
         for piece in figures.merged[layer].each():
-            yield filled(pen, hull_points(piece))
+            yield _filled(pen, hull_points(piece))
 
 
-def filled(pen: Pen, polygon: Polygon) -> str:
+def _filled(pen: Pen, polygon: Polygon) -> str:
     """The text of one polygon where it is drawn."""
     text, gaps = pen.outline(polygon)
     return text % tuple(pen.serial() if gap.axis == "serial" else pen.number(gap.value_nm) for gap in gaps)

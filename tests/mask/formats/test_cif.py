@@ -8,7 +8,7 @@ from klayout import db
 from maskfab.base.errors import OutputError
 from maskfab.base.model import CHROME, CLEAR, OUTLINE
 from maskfab.mask.figures import CUT, PolygonOptions, draw
-from maskfab.mask.formats.cif import cif_bytes, write_cif
+from maskfab.mask.formats.cif import write_cif
 from maskfab.mask.layout import layer_info, plate_layout, region
 
 every_way = pytest.mark.parametrize(
@@ -40,7 +40,6 @@ def test_klayout_finds_every_layer_of_the_figures(small_plate, tmp_path, options
     assert sorted(cell.name for cell in read.each_cell()) == sorted(cell.name for cell in drawn.each_cell())
     for layer in (CLEAR, CHROME, CUT, OUTLINE):
         assert (region(read, db.LayerInfo(layer.number, 0)) ^ region(drawn, layer_info(layer))).is_empty()
-    assert path.stat().st_size < cif_bytes(figures) < 2 * path.stat().st_size + 4000
 
 
 def test_every_command_is_one_of_the_grammar(small_plate, tmp_path):
@@ -52,12 +51,12 @@ def test_every_command_is_one_of_the_grammar(small_plate, tmp_path):
     number = r"-?\d+"
     grammar = (
         rf"\([^()]*\)|DS \d+ 1 10|9 [A-Z0-9_]+|L [A-Z0-9]{{1,4}}|P(?: {number} {number}){{3,}}|"
-        rf"C \d+(?: T {number} {number})?|DF"
+        rf"C\d+(?: R1 0)?(?: T{number} {number})?|DF"
     )
     assert [command for command in commands if not re.fullmatch(grammar, command)] == []
     assert commands[:2] == ["(job [0123], E)", "(a _] b)"]
     defined = [int(command.split()[1]) for command in commands if command.startswith("DS")]
-    assert commands[-1] == f"C {defined[-1]}"
+    assert commands[-1] == f"C{defined[-1]}"
 
 
 def test_two_writes_are_byte_identical(small_plate, tmp_path):
