@@ -240,11 +240,7 @@ class SmallestRuns:
 
 
 def smallest_runs(
-    clear: Mask,
-    x_edges: Floats | None = None,
-    y_edges: Floats | None = None,
-    *,
-    periodic: bool = False,
+    clear: Mask, x_edges: Floats | None = None, y_edges: Floats | None = None, *, periodic: bool = False
 ) -> SmallestRuns:
     """Smallest clear width and smallest opaque space of a raster.
 

@@ -115,9 +115,7 @@ def snapped(plate: Plate, grid_nm: int) -> Plate:
     moves = np.hypot(off[:, 0], off[:, 1])
     before = plate.snapped or Snapping(grid_nm, 0, 0.0)
     moved = Snapping(
-        grid_nm,
-        before.vertices + int(np.count_nonzero(moves)),
-        before.farthest_nm + float(moves.max(initial=0.0)),
+        grid_nm, before.vertices + int(np.count_nonzero(moves)), before.farthest_nm + float(moves.max(initial=0.0))
     )
 
     def nearest(polygon: Polygon) -> Polygon:

@@ -281,13 +281,7 @@ def _too_much(path: Path, what: str) -> SourceError:
 
 
 def _work(
-    parent: int,
-    path: Path,
-    there: Connection,
-    work: Callable[[Progress], Any],
-    kind: Any,
-    seconds: int,
-    memory: int,
+    parent: int, path: Path, there: Connection, work: Callable[[Progress], Any], kind: Any, seconds: int, memory: int
 ) -> None:
     """The life of the copy."""
     end_with(parent)

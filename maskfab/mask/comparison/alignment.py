@@ -237,12 +237,7 @@ def _shifts(plate: Plate, whole: db.Box, turned: db.Box, inverted: bool) -> list
 
 
 def _differing(
-    read: db.Layout,
-    file_box: db.Box,
-    windows: list[_Window],
-    trans: db.ICplxTrans,
-    inverted: bool,
-    enough: float = 2.0,
+    read: db.Layout, file_box: db.Box, windows: list[_Window], trans: db.ICplxTrans, inverted: bool, enough: float = 2.0
 ) -> float:
     """Share of the clear area in all windows that differs; given up as soon as it is more than ``enough``."""
     index = read.find_layer(layer_info(CLEAR))

@@ -91,10 +91,7 @@ class Known:
 
 
 def drawn_figures(
-    layout: db.Layout,
-    path: Path,
-    max_vertices: int | None,
-    known: Known | None = None,
+    layout: db.Layout, path: Path, max_vertices: int | None, known: Known | None = None
 ) -> Iterator[Quantity]:
     """Duplicate shapes, and outlines of too many vertices, in the layout's own coordinates.
 
@@ -416,10 +413,7 @@ def _round(differing: db.Region, reach_nm: int) -> db.Region:
 
 
 def _cropped(
-    places: db.Region,
-    layouts: tuple[db.Layout, ...],
-    most: int,
-    count: Callable[[db.Layout, db.Region, int], int],
+    places: db.Region, layouts: tuple[db.Layout, ...], most: int, count: Callable[[db.Layout, db.Region, int], int]
 ) -> tuple[db.Region, str]:
     """The places, or as large a part of them as holds few enough shapes; and what that leaves out, in words."""
     box, whole = places.bbox(), True

@@ -84,11 +84,7 @@ _RUNS = (
 
 
 def write_glb(
-    die: Die,
-    path: Path,
-    comments: Sequence[str] = (),
-    stack: Stack | None = None,
-    films: Films = film,
+    die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None, films: Films = film
 ) -> None:
     """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
 
@@ -157,11 +153,7 @@ def write_glb(
 
 
 def write_3mf(
-    die: Die,
-    path: Path,
-    comments: Sequence[str] = (),
-    stack: Stack | None = None,
-    films: Films = film,
+    die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None, films: Films = film
 ) -> None:
     """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
 

@@ -52,10 +52,7 @@ MOST_RUNS = 20_000_000
 TIFF_SUFFIXES = (".tif", ".tiff")
 IMAGE_SUFFIXES = (".png", *TIFF_SUFFIXES)
 _WHITE, _HALF = 255, 128
-_MAGIC = {
-    ".png": (b"\x89PNG\r\n\x1a\n",),
-    **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
-}
+_MAGIC = {".png": (b"\x89PNG\r\n\x1a\n",), **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"))}
 _PNG_AROUND = 12
 _UM_PER_UNIT = {**{unit: UM_PER_UNIT[unit] for unit in ("in", "cm", "m", "mm")}, "inch": UM_PER_INCH}
 
@@ -305,13 +302,7 @@ def _box(plate: Plate, die: str | None) -> Box:
 
 
 def _write(
-    plate: Plate,
-    path: Path,
-    dots_per_um: float,
-    comments: Sequence[str],
-    die: str | None,
-    limit_bytes: int,
-    bits: int,
+    plate: Plate, path: Path, dots_per_um: float, comments: Sequence[str], die: str | None, limit_bytes: int, bits: int
 ) -> Bitmap:
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 

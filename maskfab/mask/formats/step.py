@@ -229,14 +229,7 @@ class _Assembly:
     def group(self, name: str) -> Any:
         return self._named(self._shapes.NewShape(), name)
 
-    def place(
-        self,
-        parent: Any,
-        child: Any,
-        name: str,
-        position_nm: Floats,
-        turn: Floats | None = None,
-    ) -> None:
+    def place(self, parent: Any, child: Any, name: str, position_nm: Floats, turn: Floats | None = None) -> None:
         from OCP.gp import gp_Trsf, gp_Vec
         from OCP.TopLoc import TopLoc_Location
 

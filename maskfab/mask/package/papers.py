@@ -162,10 +162,7 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
     axes.set_axis_off()
     (letter,) = text_polygons("F", 1000, (0, 0))
     middle = max(x for x, _ in letter) / 2
-    for left, side, right in (
-        (0.05, _SIDES[0], reads_up),
-        (0.55, _SIDES[1], not reads_up),
-    ):
+    for left, side, right in ((0.05, _SIDES[0], reads_up), (0.55, _SIDES[1], not reads_up)):
         axes.add_patch(Rectangle((left, 0.04), 0.4, 0.17, facecolor=_CHROME, edgecolor=_INK, linewidth=0.8))
         scale = 1.2e-4 if right else -1.2e-4
         points = np.array([(left + 0.2 + (x - middle) * scale, 0.065 + y * 1.2e-4) for x, y in letter])

@@ -270,9 +270,7 @@ def test_the_command_refuses_what_it_cannot_do(capsys, gds, tmp_path, arguments,
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [db.Text("nothing but a text", db.Trans(0, 0)), db.Box(0, 0, 0, 0)],
-    ids=["text", "no area"],
+    "shape", [db.Text("nothing but a text", db.Trans(0, 0)), db.Box(0, 0, 0, 0)], ids=["text", "no area"]
 )
 def test_a_file_in_which_nothing_is_clear_is_refused(job, plate, tmp_path, shape):
     path = drawn_alone(tmp_path / "dark.gds", shape)

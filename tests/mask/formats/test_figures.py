@@ -216,10 +216,6 @@ def test_dxf_under_other_names(small_plate, tmp_path, version, options):
     figures = draw(small_plate, options)
     write_dxf(figures, path, version, style=DrawingStyle(layer_names=NAMES))
     trip = roundtrip(
-        small_plate,
-        plate_layout(small_plate),
-        path,
-        drawn_polygons=figures.account.polygons,
-        layer_names=NAMES,
+        small_plate, plate_layout(small_plate), path, drawn_polygons=figures.account.polygons, layer_names=NAMES
     )
     assert all(quantity.passed is not False for quantity in trip.quantities())
