@@ -296,12 +296,8 @@ def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
     """Hold a file's text under its name, which must not stand for another text already."""
     if texts.setdefault(name, text) != text:
-        raise JobError(
-            "MF109",
-            f"two different {kind} have the name {name!r}",
-            where=where,
-            cure="Give one of them another name in its file",
-        )
+        what = f"two different {kind} have the name {name!r}"
+        raise JobError("MF109", what, where=where, cure="Give one of them another name in its file")
 
 
 def _with_maps(stated: JobSpec, path: Path, faults: JobFaults) -> JobSpec:

@@ -349,11 +349,8 @@ def _signed(value: object) -> float:
 def _module(value: object) -> float:
     side = length_um(value)
     if side < _SMALLEST_MODULE_UM:
-        raise JobError(
-            "MF104",
-            f"{value!r} is less than the {_SMALLEST_MODULE_UM} um that a camera reads",
-            cure=f'Use module = "{_SMALLEST_MODULE_UM} um" or more',
-        )
+        what = f"{value!r} is less than the {_SMALLEST_MODULE_UM} um that a camera reads"
+        raise JobError("MF104", what, cure=f'Use module = "{_SMALLEST_MODULE_UM} um" or more')
     return side
 
 
@@ -527,12 +524,8 @@ def plate_template(name: str, *, where: str = "") -> PlateTemplate:
         JobError: MF124 if the file cannot be used, MF125 if there is none of that name.
     """
     if name not in template_names():
-        raise JobError(
-            "MF125",
-            f"there is no plate template {name!r}; there are {', '.join(template_names())}",
-            where=where,
-            cure="Use one of these, or state blank and writable",
-        )
+        what = f"there is no plate template {name!r}; there are {', '.join(template_names())}"
+        raise JobError("MF125", what, where=where, cure="Use one of these, or state blank and writable")
     return _shipped(name)
 
 

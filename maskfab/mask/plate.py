@@ -80,18 +80,14 @@ def check_dies(dies: Sequence[Die], grid_nm: int, *, where: str) -> None:
         JobError: MF104 for a grid coarser than 1 um, MF107 for the first length that is no multiple of it.
     """
     if grid_nm > LARGEST_GRID_NM:
-        raise JobError(
-            "MF104", f"a data grid of {grid_nm} nm is coarser than 1 um", where=where, cure="Use at most 1 um"
-        )
+        what = f"a data grid of {grid_nm} nm is coarser than 1 um"
+        raise JobError("MF104", what, where=where, cure="Use at most 1 um")
     for die in dies:
         for name, value_nm in _lengths(die):
             if value_nm % grid_nm:
-                raise JobError(
-                    "MF107",
-                    f"the {name} of die {die.name} is {value_nm} nm, no multiple of the data grid of {grid_nm} nm",
-                    where=where,
-                    cure="Use a finer grid, or a dot, a gutter and a die_pitch that are multiples of twice the grid",
-                )
+                what = f"the {name} of die {die.name} is {value_nm} nm, no multiple of the data grid of {grid_nm} nm"
+                cure = "Use a finer grid, or a dot, a gutter and a die_pitch that are multiples of twice the grid"
+                raise JobError("MF107", what, where=where, cure=cure)
 
 
 def lies_on(die: Die, grid_nm: int) -> bool:
@@ -422,13 +418,11 @@ def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) 
         case StarSection():
             inner = inner_radius_nm(feature, mark.spokes)
             if inner >= to_nm(mark.radius):
-                raise JobError(
-                    "MF126",
+                what = (
                     f"spokes of the star {mark.name!r} are {feature / NM_PER_UM:g} um wide at {inner / NM_PER_UM:g} um "
-                    f"from its centre, and it ends at {mark.radius:g} um",
-                    where=where,
-                    cure="Give it a larger radius, or fewer spokes",
+                    f"from its centre, and it ends at {mark.radius:g} um"
                 )
+                raise JobError("MF126", what, where=where, cure="Give it a larger radius, or fewer spokes")
             drawn = siemens_star(name, centre, feature, to_nm(mark.radius), mark.spokes)
     return DrawnMarks((drawn,))
 
@@ -459,13 +453,11 @@ def _check_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> None:
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
     if over > 0:
-        raise JobError(
-            "MF126",
+        what = (
             f"the mark {mark.name!r} leaves its room of {mark.room[0]:g} x {mark.room[1]:g} um by {over / NM_PER_UM:g} "
-            "um on this plate",
-            where=where,
-            cure="Give it a larger room in the template",
+            "um on this plate"
         )
+        raise JobError("MF126", what, where=where, cure="Give it a larger room in the template")
 
 
 _LARGEST_FEATURE_NM = 50_000
@@ -546,19 +538,11 @@ def _side(section: PlateSection, template: PlateTemplate | None, key: str, where
     given: float | None = None if template is None else getattr(template, key)
     chosen = given if stated is None else stated
     if chosen is None:
-        raise JobError(
-            "MF105",
-            f"the key 'plate.{key}' is missing, and no template says it",
-            where=f"{where}: plate.{key}",
-            cure=f'Add {key}, or template = "5in"',
-        )
+        what = f"the key 'plate.{key}' is missing, and no template says it"
+        raise JobError("MF105", what, where=f"{where}: plate.{key}", cure=f'Add {key}, or template = "5in"')
     if given is not None and abs(chosen - given) * NM_PER_UM > 1e-6:
-        raise JobError(
-            "MF126",
-            f"{key} is {chosen:.10g} um, and the template {section.template!r} says {given:.10g} um",
-            where=f"{where}: plate.{key}",
-            cure=f"Remove {key}, or the template",
-        )
+        what = f"{key} is {chosen:.10g} um, and the template {section.template!r} says {given:.10g} um"
+        raise JobError("MF126", what, where=f"{where}: plate.{key}", cure=f"Remove {key}, or the template")
     return to_nm(chosen, where=f"{where}: plate.{key}", name=key)
 
 

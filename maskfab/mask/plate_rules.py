@@ -80,18 +80,14 @@ def check_layout(
     """
     tops = layout.top_cells()
     if len(tops) != 1:
-        raise SourceError(
-            "MF305", f"the layout has {len(tops)} top cells; one is needed", cure="Keep the one that is the plate"
-        )
+        what = f"the layout has {len(tops)} top cells; one is needed"
+        raise SourceError("MF305", what, cure="Keep the one that is the plate")
     infos = [layer_info(layer) if isinstance(layer, Layer) else layer for layer in layers]
     indices = [index for index in map(layout.find_layer, infos) if index is not None]
     shapes = sum(flat_shapes(layout, index) for index in indices)
     if shapes > most_shapes:
-        raise SourceError(
-            "MF418",
-            f"the layout has {shapes} shapes once flattened; design rules are checked on at most {most_shapes}",
-            cure="Check the plate itself, or a smaller cell",
-        )
+        what = f"the layout has {shapes} shapes once flattened; design rules are checked on at most {most_shapes}"
+        raise SourceError("MF418", what, cure="Check the plate itself, or a smaller cell")
     polygons = drawn_polygons(layout, indices)
     region = db.Region()
     for index in indices:

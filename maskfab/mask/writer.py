@@ -172,21 +172,15 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
     radius, bias = process.corner_radius_um, process.cd_bias_um
     reach, dot = radius + abs(bias) / 2, panel.dot_nm / NM_PER_UM
     if 2 * reach > dot * (1 + 1e-12) or -bias >= dot:
-        raise JobError(
-            "MF127",
+        what = (
             f"corners of radius {radius:g} um and edges moved by {bias / 2:g} um need dots of {2 * reach:g} um, "
-            f"these are {dot:g} um",
-            where=where,
-            cure=f"Use larger dots, or {_bearable(process, panel)}",
+            f"these are {dot:g} um"
         )
+        raise JobError("MF127", what, where=where, cure=f"Use larger dots, or {_bearable(process, panel)}")
     gutter = panel.gutter_nm / NM_PER_UM
     if 0 < gutter <= bias:
-        raise JobError(
-            "MF127",
-            f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells",
-            where=where,
-            cure=f"Use a gutter of more than {bias:g} um, or a smaller bias",
-        )
+        what = f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells"
+        raise JobError("MF127", what, where=where, cure=f"Use a gutter of more than {bias:g} um, or a smaller bias")
     rough, narrowest = process.roughness, min(dot, gutter or dot)
     if rough is not None and (rough.sigma_um > narrowest * _ROUGHEST or rough.correlation_um > dot * _LONGEST):
         raise JobError(

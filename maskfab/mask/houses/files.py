@@ -324,24 +324,18 @@ def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
     """Refuse bitmaps of a plate without dots per inch. Raises JobError MF105."""
     asked = [form for form in formats if form in PLATE_BITMAPS]
     if asked and dpi is None:
-        raise JobError(
-            "MF105",
-            f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch",
-            where="export.dpi",
-            cure='Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out',
-        )
+        what = f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch"
+        cure = 'Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out'
+        raise JobError("MF105", what, where="export.dpi", cure=cure)
 
 
 def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> None:
     """Refuse biased data as pictures, whose dots are far coarser than a bias. Raises JobError MF128."""
     dots = [form for form in formats if form in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
-        raise JobError(
-            "MF128",
-            f"{dots[0]} is made of dots, which are far coarser than the bias that the data should be short of",
-            where=f"{where}: export.formats",
-            cure=f'Leave {" and ".join(dots)} out of formats, or let the house make it good: order.bias = "house"',
-        )
+        what = f"{dots[0]} is made of dots, which are far coarser than the bias that the data should be short of"
+        cure = f'Leave {" and ".join(dots)} out of formats, or let the house make it good: order.bias = "house"'
+        raise JobError("MF128", what, where=f"{where}: export.formats", cure=cure)
 
 
 def files_for_shop(

@@ -30,9 +30,8 @@ def load_shop(name: str) -> Shop:
     if path is None and name in names:
         path = resources.path(f"{_FOLDER}/{name}.toml")
     if path is None or not os.path.isfile(path):
-        raise OutputError(
-            "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(names)}, or a profile of your own.toml"
-        )
+        what = f"there is no shop {name!r}"
+        raise OutputError("MF420", what, cure=f"Name one of {', '.join(names)}, or a profile of your own.toml")
     return read_shop(path)
 
 

@@ -89,9 +89,8 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
             larger ones than a package has.
     """
     if not os.path.isfile(package):
-        raise SourceError(
-            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab order pack wrote"
-        )
+        what = f"there is no package {package}"
+        raise SourceError("MF301", what, cure="Give the path of a .zip that maskfab order pack wrote")
     with _opened(package) as archive:
         members = _checked(archive.infolist(), package)
         for name, member in members.items():
@@ -217,9 +216,8 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
         folders.add(path.parts[0])
         named[path.name] = member
     if len(folders) != 1 or RESULT_MARK not in named:
-        raise SourceError(
-            "MF422", f"{package} has no folder with a {RESULT_MARK}", cure="Name a zip that maskfab order pack wrote"
-        )
+        what = f"{package} has no folder with a {RESULT_MARK}"
+        raise SourceError("MF422", what, cure="Name a zip that maskfab order pack wrote")
     return named
 
 
@@ -246,11 +244,9 @@ def check_earlier(target: Path, revision: str | None) -> None:
     """
     earlier = _manifest(target)
     if earlier is not None and earlier.get("revision") != revision:
-        raise OutputError(
-            "MF406",
-            f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}",
-            cure="Give --out another name, or a folder, in which each revision has a name of its own",
-        )
+        what = f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}"
+        cure = "Give --out another name, or a folder, in which each revision has a name of its own"
+        raise OutputError("MF406", what, cure=cure)
 
 
 def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
@@ -264,11 +260,9 @@ def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
         return
     hashes = [{row["path"]: row["sha256"] for row in contents.get("files", ())} for contents in (earlier, manifest)]
     other = sorted(name for name in {**hashes[0], **hashes[1]} if hashes[0].get(name) != hashes[1].get(name))
-    raise OutputError(
-        "MF406",
-        f"{target} holds {_revision(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}",
-        cure="Raise order.revision in the job; or move the package elsewhere if nobody has received it",
-    )
+    what = f"{target} holds {_revision(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}"
+    cure = "Raise order.revision in the job; or move the package elsewhere if nobody has received it"
+    raise OutputError("MF406", what, cure=cure)
 
 
 def _revision(revision: object) -> str:

@@ -382,12 +382,8 @@ def _packed_job(folder: Path, package: Path) -> Job:
     """
     path = folder / JOB_COPY
     if not path.is_file():
-        raise JobError(
-            "MF105",
-            f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything",
-            where="--against",
-            cure="Name the job that it was made of",
-        )
+        what = f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything"
+        raise JobError("MF105", what, where="--against", cure="Name the job that it was made of")
     spec = read_spec(path)
     wanted = [(opening, spec.openings) for die in spec.die for opening in (die.opening, *(die.others or ()))]
     wanted += [(die.map, spec.maps) for die in spec.die if die.map is not None]
@@ -398,12 +394,8 @@ def _packed_job(folder: Path, package: Path) -> Job:
         wanted.append((spec.export.shop, spec.shops))
     for name, held in wanted:
         if name not in held:
-            raise JobError(
-                "MF105",
-                f"its job names {name!r}, which it does not hold",
-                where=JOB_COPY,
-                cure="Pack the job again with maskfab order pack",
-            )
+            what = f"its job names {name!r}, which it does not hold"
+            raise JobError("MF105", what, where=JOB_COPY, cure="Pack the job again with maskfab order pack")
     return load_job(path)
 
 
@@ -461,9 +453,8 @@ def _manifest(path: Path) -> Mapping[str, Any]:
         if len({row["path"] for row in manifest["files"]}) < len(manifest["files"]):
             raise ValueError("it lists a file twice")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SourceError(
-            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab order pack wrote"
-        ) from error
+        what = f"its {RESULT_MARK} cannot be used: {error!r}"
+        raise SourceError("MF422", what, cure="Name a zip that maskfab order pack wrote") from error
     return dict(manifest)
 
 
