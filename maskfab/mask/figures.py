@@ -226,9 +226,6 @@ class Figures:
 
     Attributes:
         cells: shapes of every cell that grids place, in its own coordinates, in the order of first use.
-        dies: in plate order.
-        marks: in plate order.
-        notes: texts.
         merged: written layers joined across pixels, in plate coordinates and raw; cells and marks then lack them.
     """
 

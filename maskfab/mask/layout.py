@@ -526,10 +526,8 @@ def region(
     """Everything on a layer, flattened and merged; corners that kiss stay apart.
 
     Args:
-        layout: its database unit is 1 nm.
         layer: a layer of the plate, or one found by :func:`maskfab.mask.formats.content.find_layer`; the region of a
             layer that the layout lacks is empty.
-        box_nm: x0, y0, x1, y1 to which the region is clipped.
         cell: the cell to flatten, in its own coordinates; the only top cell if None.
     """
     info = layer_info(layer) if isinstance(layer, Layer) else layer
@@ -606,8 +604,6 @@ class PlateNames:
     """Cell names of a plate, the same in every format.
 
     Attributes:
-        dies: one for each die, in plate order.
-        marks: one for each mark, in plate order.
         units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
     """
 

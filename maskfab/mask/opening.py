@@ -366,7 +366,6 @@ def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
     """A vertical slit, centred; where the parities differ, half a dot left of or below the centre.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: its area; without it the slit runs through the whole cell.
 
     Raises:
@@ -393,7 +392,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
     rectangle. Large blobs lie (width = aspect x height), small ones stand, so that the cell has no fourfold symmetry.
 
     Args:
-        clear_dots: clear dots of all four blobs.
         size_ratio: side of a small blob over that of a large one, 0 to 1; 0 leaves out the small ones.
         aspect: the longer side of a blob over its shorter one, 1 to 4.
         exponent: 1 (rhombus) to 64 (rectangle).
@@ -419,9 +417,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
 
 def diamond_discs(dots: int, clear_dots: int) -> Mask:
     """Two equal discs per cell, at its corner and its centre: a square lattice turned by 45 degrees.
-
-    Args:
-        clear_dots: clear dots of both discs.
 
     Raises:
         JobError: MF104 if the cell has no dots.

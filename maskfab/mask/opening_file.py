@@ -123,11 +123,7 @@ def load_opening(
 
 
 def parse_opening(text: str, where: str = "") -> Opening:
-    """The opening that a TOML text describes; ``where`` names the text in errors.
-
-    Raises:
-        JobError, OpeningError: as for :func:`load`.
-    """
+    """The opening that a TOML text describes; ``where`` names the text in errors."""
     # Decimal keeps how many digits the open ratio has.
     facts = facts_of(text, "An opening", _KEYS, where, parse_float=Decimal)
     name = _required(facts, "name", str, where)

@@ -190,7 +190,6 @@ def read_map(path: str | Path) -> CellMap:
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF304 not text, MF308 another suffix.
-        JobError: as for :func:`parse`.
     """
     path = Path(path)
     where = str(path)
@@ -476,9 +475,6 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
 
     Args:
         side_nm: of the square that it may fill.
-
-    Raises:
-        JobError: as :func:`die_panels`, but for the stop.
     """
     opening, *others = held
     size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))

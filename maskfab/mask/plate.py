@@ -192,11 +192,7 @@ def title_block(
     """A title centred on the anchor, with lines of smaller letters below.
 
     Args:
-        title: first line.
-        lines: further lines.
         anchor_nm: middle of the title's base line.
-        height_nm: height of the title's letters.
-        small_nm: height of the other letters.
         room_nm: widest that a line may be; a longer one is made smaller.
     """
     x, y = anchor_nm
@@ -238,7 +234,6 @@ def die_map(
 
     Args:
         side_nm: of the drawn blank.
-        line_nm: width of the frames.
         blank_nm: side of the true blank.
         die_pitch_nm: true distance from die to die.
     """
@@ -467,7 +462,6 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     """Lay a job out as a plate.
 
     Args:
-        spec: a validated job with [plate] and at least one [[die]].
         signature: who made this from what, noted in the files.
 
     Raises:

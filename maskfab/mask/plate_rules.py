@@ -138,9 +138,6 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     are looked at one by one, unless some lie within the rules' reach of each other: then the plate is flattened, which
     takes as long as it does in KLayout, and the rules on geometry have one result, without a die.
 
-    Args:
-        plate: the plate; only what is written counts.
-
     Returns:
         For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
         names, references and extent.
@@ -346,9 +343,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
     Every rule that was broken is a category, described with its limit; rules on several limits of one name are told
     apart by a number. Each placed violation is a box on the top cell in micrometres, each name a text. The first item
     of every owner carries the number of violations and the worst value, for only the first are placed.
-
-    Args:
-        results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
     """
     database = rdb.ReportDatabase("design rules")
     database.description = f"Design rules of {top_cell}"

@@ -85,9 +85,6 @@ def error_message(error: Exception) -> bytes:
 def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str, int, int], None]) -> tuple[Any, ...]:
     """The answer, alone in a tuple; nothing yet for progress, which is passed on.
 
-    Args:
-        message: of a process that nobody trusts.
-
     Raises:
         MaskfabError: that of the process; InternalError MF901 for a fault of another kind.
         SourceError: MF327 if the message is none.
@@ -315,7 +312,6 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
         path: the file, the last argument of the script.
         script: a Python file, which limits what it takes by :func:`maskfab.mask.limits.limit_share`; a
             warning in it is a failure.
-        arguments: of the script, before the path.
 
     Raises:
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.

@@ -45,7 +45,6 @@ def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
     """Clear shapes as data, merged with kissing corners apart.
 
     Args:
-        clear: everything that should come out clear on the plate, in plate nanometres.
         plate: whose marks tell what is left as drawn.
         bias_nm: by which the writer makes clear widths wider; even, negative narrows.
     """
@@ -142,7 +141,6 @@ class WrittenCorner:
     Attributes:
         outline_um: float64 [n, 4] edges between clear and dark.
         border_um: float64 [m, 4] edges of what is clear along the right, upper, left and lower side of the tile.
-        area_um2: what is clear.
         shares: float64 [k, k] clear share of each of k x k parts of the tile, lowest row first.
         region: the clear part of the tile, in units of 1 / :data:`UNITS_PER_UM`.
     """
@@ -209,7 +207,6 @@ def written_region(
     """Drawn polygons as a writer exposes them.
 
     Args:
-        drawn: what is clear; polygons may overlap or touch.
         reading: what becomes of corners that only touch.
         units_per_um: units of the region's coordinates in a micrometre.
         arc_sides: sides of a whole circle.

@@ -68,8 +68,6 @@ class Known:
     """Facts known of a file that is aligned with a design.
 
     Attributes:
-        design: its layout, in which nothing overlaps.
-        differing: what only one of them makes clear, merged.
         tolerance_nm: what overlaps by no more than this is no fault.
     """
 
@@ -96,7 +94,6 @@ def drawn_figures(
     """Duplicate shapes, and outlines of too many vertices, in the layout's own coordinates.
 
     Args:
-        layout: one top cell.
         max_vertices: what the job draws at most; None where it does not say.
         known: the design that it lies upon, and how little it differs; None where there is none.
     """
@@ -138,7 +135,6 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     """Distance by which the drawing extends beyond the blank.
 
     Args:
-        box: of all that the file draws, lying as the design does.
         size: nanometres of the plate that one of the file becomes.
     """
     side = round(plate.blank_nm * size)
@@ -264,7 +260,6 @@ class Broken:
     """Where one rule is broken.
 
     Attributes:
-        worst: the smallest value; None where it is kept.
         boxes_nm: int64 [n, 4], all of them, or the first.
     """
 
@@ -311,7 +306,6 @@ def rules_of_like(
     """The rows of a file that is the design, or nearly.
 
     Args:
-        laid: the file, lying as the design does.
         differing: what only one of them makes clear, where rules are looked at.
     """
     rules = wanted.rules

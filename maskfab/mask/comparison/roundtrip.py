@@ -48,8 +48,6 @@ class Sifted:
     """Differing area by its width.
 
     Attributes:
-        faults: what is wider than the tolerance.
-        slivers: what is not.
         widest_nm: no sliver is wider; 0 if there is none. Of polygons of up to a millimetre this and the tolerance are
             kept to 4 pm, of larger ones to the same share of their size.
     """
@@ -60,12 +58,7 @@ class Sifted:
 
 
 def sift(differing: db.Region, tolerance_nm: float) -> Sifted:
-    """Tell slivers from faults, polygon by polygon.
-
-    Args:
-        differing: merged, in nanometres.
-        tolerance_nm: width up to which a polygon is a sliver; 0 if none is.
-    """
+    """Tell slivers from faults, polygon by polygon."""
     if tolerance_nm <= 0 or differing.count() > MOST_SIFTED:
         return Sifted(differing, db.Region())
     faults, slivers = db.Region(), db.Region()
@@ -141,7 +134,6 @@ class Difference:
 
     Attributes:
         owner: the die or mark that it belongs to or lies nearest to.
-        area_um2: area that only one of the two covers.
         first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
     """
 
@@ -192,10 +184,8 @@ class RoundTrip:
     Attributes:
         layout: its content; the file's only top cell is the plate.
         polygons: polygons on written layers, all references counted.
-        drawn_polygons: the same for the design.
         rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
         differences: one for each die or mark and layer that differs; empty if all is well.
-        cds: in the order of the plate's gauges.
         differing: all that only one of file and plate makes clear, merged.
         slivers: of that, what is no wider than the tolerance and so no difference.
         data: rows of biased data before they are sized back; all else is of them sized back.
@@ -304,7 +294,6 @@ def compare_layout(
         dots: also compare every dot of every die, about a second for 10 000 cells.
         drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
         layer_names: names in a DXF by names of the model; layers that it left out are not compared.
-        tolerance_nm: width of slivers.
         dots_prove: whether no polygons are compared within a die whose every dot is clear or dark throughout as its
             opening says, for which one that differs by a square nanometre is not: a file without cells has millions of
             edges there.

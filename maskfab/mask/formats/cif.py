@@ -90,7 +90,6 @@ class CifContent:
 
     Attributes:
         cells: as of :mod:`maskfab.mask.formats.gdstk_process`; datatypes are 0, numbers of layers places in ``layers``.
-        layers: in the order of their first use.
     """
 
     cells: list[dict[str, Any]]

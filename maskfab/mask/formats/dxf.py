@@ -159,7 +159,6 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
     """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
-        data: its content, a text DXF.
         nm_per_unit: length of one unit of the drawing.
 
     Returns:
@@ -492,7 +491,6 @@ class Entity:
     Args:
         kind: its name, such as ``LWPOLYLINE``.
         block: name of the block that it is drawn in; None in the drawing itself.
-        body: its bytes after its name.
 
     Attributes:
         layer: its layer; ``0``, in a block that of the reference, if it does not say.

@@ -57,12 +57,7 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     """Write a layout as GDSII, without time stamps, its cells in the order of their names.
 
     Args:
-        layout: from :func:`maskfab.mask.layout.plate_layout` or
-            :meth:`maskfab.mask.figures.Figures.layout`.
         max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
     options = db.SaveLayoutOptions()
     options.format = "GDS2"

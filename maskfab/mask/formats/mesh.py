@@ -206,9 +206,6 @@ def write_stl(
     1 nm at 16 to 32 mm; those of one place are rounded alike. The head of 80 bytes holds the unit and as much of the
     remarks and of the first comment as fits.
 
-    Args:
-        stack: thicknesses; those of the glass do not matter.
-
     Raises:
         OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
             :func:`maskfab.mask.formats.solid.film`; MF410 or MF412 as
@@ -402,11 +399,7 @@ def _numbers(text: bytes, start: int, end: int, run: _Run) -> NDArray[Any] | Non
 
 
 def read_stl(path: Path) -> ReadSolid:
-    """A binary STL file in millimetres: one shape.
-
-    Raises:
-        SourceError: MF303 if it is not as long as its triangles, or trimesh cannot read it.
-    """
+    """A binary STL file in millimetres: one shape."""
     _check_stl_size(path)
     # The whole library keeps ten times the file in memory: its parser alone is asked.
     from trimesh.exchange.stl import load_stl
@@ -509,11 +502,7 @@ def is_manifold(triangles: Ints) -> bool:
 
 
 def check_mesh(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
-    """Read a die's GLB, 3MF or STL file back and compare it with the design, see :func:`mesh_rows`.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
-    """
+    """Read a die's GLB, 3MF or STL file back and compare it with the design, see :func:`mesh_rows`."""
     check_file(path)
     read = read_stl(path) if path.suffix == ".stl" else read_scene(path)
     return tuple(mesh_rows(die, path, stack or Stack(), read))

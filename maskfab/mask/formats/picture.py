@@ -61,7 +61,6 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
     """An image as boxes on the layer CLEAR of one cell, the middle of the image the origin.
 
     Args:
-        path: ``.png .tif .tiff``.
         dots_per_um: pixels in a micrometre; what the file's resolution tags say if None.
 
     Raises:
@@ -86,13 +85,7 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
 
 
 def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
-    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states, if any.
-
-    Raises:
-        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
-            pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y, MF318 it does not
-            say what is white.
-    """
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre, if the file states them."""
     if not os.path.isfile(path):
         raise missing(path)
     if path.stat().st_size == 0:
@@ -233,8 +226,6 @@ class Bitmap:
     """Facts of a written bitmap.
 
     Attributes:
-        width: pixels along x.
-        height: pixels along y.
         partly: pixels that are neither clear nor opaque all over; where there are none, the pixels are the mask.
     """
 
@@ -258,12 +249,10 @@ def write_preview(
     Args:
         dots_per_um: pixels per micrometre, also in the file's resolution; the lower left corner of the blank or of the
             panel is that of a pixel.
-        die: the only die to show, by its name.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF413 if ``dots_per_um`` is not positive and finite, MF415 if
             the file would be too large.
-        KeyError: for a die that the plate does not have.
     """
     return _write(plate, path, dots_per_um, comments, die, limit_bytes, bits=8)
 
@@ -442,7 +431,6 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     """Read a die's PNG or TIFF back and compare it with the plate.
 
     Args:
-        design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
         dots_per_um: pixels per micrometre that it should have; its own resolution tags are what it is read by.
 
     Returns:
@@ -450,9 +438,6 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
         them, all of them if size or resolution are others; and ``bitmap_xor_area`` in um²: what only one of picture and
         die covers, each pixel clear or not. Its limit is 0 where pixels follow the dots; elsewhere it is not judged,
         for it tells what pixels so large cannot show.
-
-    Raises:
-        SourceError: as of :func:`maskfab.mask.formats.picture.read_levels`; MF314 if it has no resolution.
     """
     x0, y0, x1, y1 = die.box_nm
     pixel = NM_PER_UM / dots_per_um

@@ -78,7 +78,6 @@ def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
 
     Args:
         path: a file that the library has written without colours, its entities numbered as the model's.
-        model: what was written.
         shades: by the product's name; others get none.
     """
     lines, number = [], model.NbEntities()
@@ -154,7 +153,6 @@ def write_step(
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
     Args:
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
         most_vertices: of all outlines of the openings in use, as the cut takes 0.5 s for 230, 8 s for 2200.
         most_cells: of the panel, as a thousand take 0.6 s and 0.65 MB.
 
@@ -187,9 +185,6 @@ def write_plate_step(plate: Plate, path: Path, comments: Sequence[str] = (), sta
     """Write a plate in outline: its blank, and each die as a box of the film's thickness in a colour of its own.
 
     The centre of the plate is the origin, and a die's box is placed by its own centre.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     stack = stack or Stack()
     with quiet():
@@ -355,9 +350,6 @@ _SOLID_CHROME, _SOLID_GLASS = (*CHROME_RGB, 1.0), (*GLASS_RGB, GLASS_ALPHA)
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
     """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement.
 
-    Args:
-        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
     """
@@ -445,21 +437,13 @@ def read_step(path: Path) -> Parts:
 
 
 def check_step(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
-    """Read a die's STEP file back and compare it with the design, see :func:`step_rows`.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
-    """
+    """Read a die's STEP file back and compare it with the design, see :func:`step_rows`."""
     check_file(path)
     return tuple(step_rows(die, path, stack or Stack(), read_step(path)[0]))
 
 
 def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
-    """Read a plate's STEP file back: as many boxes as dies, under their names, where and as large as the dies are.
-
-    Raises:
-        SourceError: as :func:`check_step`.
-    """
+    """Read a plate's STEP file back: as many boxes as dies, under their names, where and as large as the dies are."""
     check_file(path)
     read, placed = read_step(path)
     dies = {die.name: die for die in plate.dies}

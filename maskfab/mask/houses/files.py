@@ -135,7 +135,6 @@ def dot_edges(
     Args:
         spec: of its job, whose [order] may state a tolerance of widths.
         shop: the house, which may have published one.
-        dpi: dots per inch of the plotter.
     """
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
         return None
@@ -228,7 +227,6 @@ def check_package(
 
     Args:
         formats: of the mask files; the house's first if empty.
-        facts: as of :func:`maskfab.mask.houses.findings.check_shop`.
     """
     sent = tuple(formats) or shop.formats[:1]
     drawn = fitted(plate, shop, spec.tone)
@@ -354,9 +352,6 @@ def files_for_shop(
 
     Args:
         file: the job was read from, for the judge.
-
-    Raises:
-        OutputError, JobError: as :func:`files_of_job`.
     """
     dpi = plotted_dpi(spec.export, shop)
     check_stated(dpi, formats)

@@ -205,7 +205,6 @@ def check_written(
     """Judge the layouts that a job writes by every rule that a house publishes, with all that is in them.
 
     Args:
-        shop: the profile.
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
     """
     sent, plate = tuple(form for form in SHOP_FORMATS if form in formats), figures.plate

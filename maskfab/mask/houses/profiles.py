@@ -36,11 +36,7 @@ def load_shop(name: str) -> Shop:
 
 
 def shop_of(spec: JobSpec, where: str) -> Shop | None:
-    """The mask house that the [export] of a loaded job names, its own profile as the job keeps it; None without one.
-
-    Raises:
-        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
-    """
+    """The mask house that the [export] of a loaded job names, its own profile as the job keeps it; None without one."""
     name = None if spec.export is None else spec.export.shop
     if name is None:
         return None

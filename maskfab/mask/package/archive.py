@@ -52,11 +52,7 @@ def safe_stem(name: str) -> str:
 
 
 def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *, replace: bool = True) -> None:
-    """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.files.partial`, which ``replace`` is for.
-    """
+    """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip."""
     with (
         partial(target, replace=replace) as aside,
         zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
@@ -237,11 +233,7 @@ def placed(target: Path, stem: str) -> Path:
 
 
 def check_earlier(target: Path, revision: str | None) -> None:
-    """Refuse to replace the package of another revision.
-
-    Raises:
-        OutputError: MF406.
-    """
+    """Refuse (MF406) to replace the package of another revision."""
     earlier = _manifest(target)
     if earlier is not None and earlier.get("revision") != revision:
         what = f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}"
@@ -250,11 +242,7 @@ def check_earlier(target: Path, revision: str | None) -> None:
 
 
 def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
-    """Refuse to replace a package of the same revision that holds something else.
-
-    Raises:
-        OutputError: MF406.
-    """
+    """Refuse (MF406) to replace a package of the same revision that holds something else."""
     earlier, revision = _manifest(target), manifest.get("revision")
     if earlier is None or revision is None or earlier == json.loads(json.dumps(manifest)):
         return
