@@ -28,11 +28,12 @@ from maskfab.job.order import Tone
 from maskfab.mask.layout import (
     CellArray,
     CellNames,
+    drawn_region,
+    insert_polygons,
     layer_info,
     orientations_in_use,
     placed,
     plate_names,
-    simple_polygon,
 )
 from maskfab.mask.outlines import (
     Corners,
@@ -423,7 +424,7 @@ class _Drawing:
         No cut through slanted edges is exact, so round letters and stars it is drawn as triangles. Its holes are dies
         and those triangles, so none may go on :data:`CUT`, which would be subtracted from their chrome too.
         """
-        marks = [_polygons(mark.polygons) for mark in self._plate.marks if mark.layer.written]
+        marks = [drawn_region(mark.polygons) for mark in self._plate.marks if mark.layer.written]
         half = self._plate.writable_nm // 2
         field = db.Region(db.Box(-half, -half, half, half))
         field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
@@ -436,16 +437,10 @@ class _Drawing:
 
     def _cuts_others(self, own: str, holes: tuple[Polygon, ...]) -> bool:
         """Whether something written, which is not of the mark itself, lies in its holes."""
-        others = _polygons(
-            [
-                polygon
-                for mark in self._plate.marks
-                if mark.layer.written and mark.name != own
-                for polygon in mark.polygons
-            ]
-        )
+        marks = (mark for mark in self._plate.marks if mark.layer.written and mark.name != own)
+        others = drawn_region(polygon for mark in marks for polygon in mark.polygons)
         others.insert(db.Region([db.Box(*die.box_nm) for die in self._plate.dies]))
-        return not (_polygons(holes) & others).is_empty()
+        return not (drawn_region(holes) & others).is_empty()
 
     def _redrawn(
         self, shapes: Shapes, where: str, whole: db.Region | None = None, options: PolygonOptions | None = None
@@ -464,7 +459,7 @@ class _Drawing:
             if not layer.written:
                 redrawn[layer] = polygons
                 continue
-            region = _polygons(polygons)
+            region = drawn_region(polygons)
             if dark:
                 region = whole - region
             parted = region.merged(True, 1)
@@ -517,10 +512,6 @@ def moved(polygons: Sequence[Polygon], by_nm: Point) -> tuple[Polygon, ...]:
     return tuple(tuple((x + dx, y + dy) for x, y in polygon) for polygon in polygons)
 
 
-def _polygons(polygons: Sequence[Polygon]) -> db.Region:
-    return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
-
-
 def _merged(figures: Figures) -> tuple[Figures, _Done]:
     """Written layers joined across pixels and marks, and what that took."""
     layout = replace(figures, options=replace(figures.options, hierarchy="cells", bias_nm=None)).layout()
@@ -549,7 +540,7 @@ def _merged(figures: Figures) -> tuple[Figures, _Done]:
 
 def _round_slants(plate: Plate) -> db.Region:
     """Boxes of written marks with slanted edges."""
-    marks = (_polygons(mark.polygons) for mark in plate.marks if mark.layer.written)
+    marks = (drawn_region(mark.polygons) for mark in plate.marks if mark.layer.written)
     return db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()])
 
 
@@ -610,9 +601,7 @@ def _lettered(note: Note) -> tuple[Polygon, ...]:
 
 def _draw(cell: db.Cell, shapes: Shapes, layers: Mapping[Layer, int]) -> None:
     for layer, polygons in shapes.items():
-        drawn = cell.shapes(layers[layer])
-        for polygon in polygons:
-            drawn.insert(simple_polygon(polygon))
+        insert_polygons(cell.shapes(layers[layer]), polygons)
 
 
 def _count_references(dies: Sequence[DieFigures]) -> int:

@@ -509,11 +509,11 @@ def plate_layout(plate: Plate) -> db.Layout:
             if key not in drawn:
                 drawn.add(key)
                 for layer, polygons in unit_shapes(die.panel, orientation).items():
-                    _draw(cells[names.units[key]].shapes(layers[layer]), polygons)
+                    insert_polygons(cells[names.units[key]].shapes(layers[layer]), polygons)
     for die, die_name in zip(plate.dies, names.dies, strict=True):
         top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
     for mark, mark_name in zip(plate.marks, names.marks, strict=True):
-        _draw(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
+        insert_polygons(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
         top.insert(db.CellInstArray(cells[mark_name].cell_index(), db.Trans()))
     for note in plate.notes:
         top.shapes(layers[NOTE]).insert(db.Text(note.text, db.Trans(*note.position_nm)))
@@ -657,7 +657,8 @@ def _grid(panel: Panel, names: PlateNames) -> CellArray:
     return CellArray(units, index, (0, 0), (panel.pitch_nm, panel.pitch_nm))
 
 
-def _draw(shapes: db.Shapes, polygons: tuple[Polygon, ...]) -> None:
+def insert_polygons(shapes: db.Shapes, polygons: Iterable[Polygon]) -> None:
+    """Draw polygons with exactly their vertices."""
     for polygon in polygons:
         shapes.insert(simple_polygon(polygon))
 

@@ -27,7 +27,7 @@ from maskfab.base.files import partial
 from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate, Quantity
 from maskfab.base.processes import quiet
 from maskfab.base.units import MM_PER_NM
-from maskfab.mask.formats.format import Drawn, Format, Stack
+from maskfab.mask.formats.format import Format, Stack
 from maskfab.mask.formats.solid import (
     CHROME_RGB,
     GLASS_ALPHA,
@@ -358,14 +358,14 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
     import cadquery
 
     low, high = glass(die, stack)
-    size = (high - low) * MM_PER_NM
-    substrate = cadquery.Workplane(obj=cadquery.Solid.makeBox(*size.tolist()))
     whole = cadquery.Assembly(name=die.name)
+    substrate = cadquery.Workplane(obj=cadquery.Shape.cast(_box(high - low)))
     whole.add(substrate, name="GLASS", loc=_location(low), color=cadquery.Color(*_SOLID_GLASS))
-    tiles = {opening: _film_shape(die.panel, opening, stack) for opening in openings_in_use(die.panel)}
+    films = {opening: cadquery.Shape.cast(_film(die.panel, opening, stack)) for opening in openings_in_use(die.panel)}
     for name, cell, centre in cells(die):
         opening, turn = divmod(cell, ORIENTATIONS)
-        whole.add(tiles[opening], name=name, loc=_location(centre, turn), color=cadquery.Color(*_SOLID_CHROME))
+        tile, place = cadquery.Workplane(obj=films[opening]), _location(centre, turn)
+        whole.add(tile, name=name, loc=place, color=cadquery.Color(*_SOLID_CHROME))
     return whole
 
 
@@ -388,20 +388,6 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
     ):
         scene.add_geometry(_trimesh(mesh, colour), node_name=name, geom_name=name)
     return scene
-
-
-def _film_shape(panel: Panel, opening: int, stack: Stack) -> cadquery.Workplane:
-    """The chrome of one cell, not turned: a box less a prism for each outline."""
-    import cadquery
-
-    side, thick = panel.pitch_nm * MM_PER_NM, stack.film_nm * MM_PER_NM
-    box = cadquery.Solid.makeBox(side, side, thick, cadquery.Vector(-side / 2, -side / 2, -thick / 2))
-    prisms = []
-    for hole in holes_nm(panel, opening):
-        corners = [cadquery.Vector(x, y, -thick) for x, y in (hole * MM_PER_NM).tolist()]
-        outline = cadquery.Wire.makePolygon(corners, close=True)
-        prisms.append(cadquery.Solid.extrudeLinear(outline, [], cadquery.Vector(0, 0, 2 * thick)))
-    return cadquery.Workplane(obj=box.cut(*prisms) if prisms else box)
 
 
 def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
@@ -467,10 +453,6 @@ def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
     return (*exact, Quantity("solid_position_error", error, corners_of, limit=NM, passed=error <= NM))
 
 
-def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
-    return check_step(die, path, made.settings.stack)
-
-
 FORMATS = (
     Format(
         "step",
@@ -479,7 +461,7 @@ FORMATS = (
         write_plate=lambda of, to: write_plate_step(of.plate, to, of.comments, of.settings.stack),
         write_die=lambda of, die, to: write_step(die, to, of.comments, of.settings.stack),
         compare_plate=lambda made, path: check_plate_step(made.plate, path),
-        compare_die=_compare,
+        compare_die=lambda made, die, path: check_step(die, path, made.settings.stack),
         extra="solid",
         loads=("OCP",),
         reading="thread",

@@ -11,10 +11,10 @@ from PIL import Image
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Die, Opening, Panel, Plate, Tiling
 from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps
-from maskfab.mask.formats.picture import check_bitmap, check_pixels, write_bilevel, write_preview
+from maskfab.mask.formats.picture import check_bitmap, check_pixels, write_picture
 from maskfab.mask.layout import plate_layout
 
-WRITERS = {"png": write_preview, "tif": write_bilevel}
+WRITERS = {"png": write_picture, "tif": write_picture}
 both = pytest.mark.parametrize("kind", WRITERS)
 
 

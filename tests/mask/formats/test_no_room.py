@@ -32,7 +32,7 @@ from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.formats.gerber import write_gerber
 from maskfab.mask.formats.mesh import write_3mf, write_glb, write_stl
-from maskfab.mask.formats.picture import write_bilevel, write_preview
+from maskfab.mask.formats.picture import write_picture
 from maskfab.mask.formats.step import write_plate_step, write_step
 from maskfab.mask.formats.svg import write_svg
 from maskfab.mask.job import load_job
@@ -65,8 +65,8 @@ def cases(plate, aside: Path) -> dict[str, Case]:
         "gerber": Case(".gbr", lambda path: write_gerber(figures, path)),
         "cif": Case(".cif", lambda path: write_cif(figures, path)),
         "svg": Case(".svg", lambda path: write_svg(figures, path)),
-        "png": Case(".png", lambda path: write_preview(plate, path, 0.25, die=die.name)),
-        "tiff": Case(".tif", lambda path: write_bilevel(plate, path, 1.0, die=die.name)),
+        "png": Case(".png", lambda path: write_picture(plate, path, 0.25, die=die.name)),
+        "tiff": Case(".tif", lambda path: write_picture(plate, path, 1.0, die=die.name)),
         "picture": Case(".png", lambda path: write_png(light(), path)),
         "exr": Case(".exr", lambda path: write_exr(light(), path, {})),
         "step": Case(".step", lambda path: write_step(die, path)),
