@@ -19,7 +19,7 @@ from maskfab.base.errors import InputError, InternalError, JobError, MaskfabErro
 from maskfab.cli import old_names
 from maskfab.cli.command import JSON, QUIET, Command, command_of, summary_of, tables
 from maskfab.cli.printing import one_line, print_json, print_told, progress_bar, tell
-from maskfab.mask.limits import limit_in_force
+from maskfab.mask.process_limits import limit_in_force
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Decide": ("advise", "design", "check", "compare"),

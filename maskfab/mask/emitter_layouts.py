@@ -19,7 +19,7 @@ import numpy as np
 from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import refined
-from maskfab.mask.opening import MAX_DOTS, away, check_range
+from maskfab.mask.opening_masks import MAX_DOTS, away, check_range
 
 RED, GREEN, BLUE = 1, 2, 3
 _FINER = 2  # emitter cells along a dot of the round layout

@@ -126,8 +126,8 @@ class Job:
             return die_panels(self.spec, self.openings, where=self.where)
 
     def plate(self) -> Plate:
-        """The job laid out; see :func:`maskfab.mask.plate.compose` for what is refused."""
-        from maskfab.mask.plate import compose
+        """The job laid out; see :func:`maskfab.mask.composition.compose` for what is refused."""
+        from maskfab.mask.composition import compose
 
         with self._camera_asked_for():
             return compose(self.spec, self.openings, self.signature, where=self.where)

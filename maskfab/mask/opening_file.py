@@ -15,7 +15,7 @@ A TOML opening is a drawing with its facts beside it, and the facts are checked 
     [provenance]
     author = "..."             # any keys; text and numbers
 
-Other kinds of file become a mask in :mod:`maskfab.mask.opening`.
+Other kinds of file become a mask in :mod:`maskfab.mask.opening_masks`.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from maskfab.base.model import Opening
 from maskfab.base.units import NM_PER_UM, parse_pitch_um, to_nm
 from maskfab.job.toml import loads
 from maskfab.job.values import check_name
-from maskfab.mask import opening as decode
-from maskfab.mask.opening import closed
+from maskfab.mask import opening_masks as decode
+from maskfab.mask.opening_masks import closed
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance")

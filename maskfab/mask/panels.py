@@ -48,8 +48,8 @@ from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.values import check_name
-from maskfab.mask.opening import drawn_lines
 from maskfab.mask.opening_file import at_key, facts_of, provenance_lines, provenance_of, quoted
+from maskfab.mask.opening_masks import drawn_lines
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.tiling import MOST_OPENINGS, orientations
 

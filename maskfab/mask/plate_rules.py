@@ -17,10 +17,10 @@ from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Polygon, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.process import Process
 from maskfab.job.sections import LimitsSection
+from maskfab.mask.design_rules import DesignRules, RuleResult, counted_references, flat_results, merged
 from maskfab.mask.layout import DBU_UM, drawn_region, file_references, layer_info, plate_layout, plate_names, region
 from maskfab.mask.marks import bounding_box
 from maskfab.mask.panel_rules import Narrowest, PanelCells, Tone, narrowest, panel_results
-from maskfab.mask.rule import DesignRules, RuleResult, counted_references, flat_results, merged
 
 
 def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult, ...]:

@@ -46,7 +46,7 @@ from maskfab.base.files import no_file
 from maskfab.base.machine import STARTED_BY, end_with
 from maskfab.base.plain_data import from_data, to_data
 from maskfab.base.work import Progress, silent
-from maskfab.mask.limits import (
+from maskfab.mask.process_limits import (
     BYTES_PER_SECOND,
     SECONDS,
     allow,
@@ -310,7 +310,7 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
 
     Args:
         path: the file, the last argument of the script.
-        script: a Python file, which limits what it takes by :func:`maskfab.mask.limits.limit_share`; a
+        script: a Python file, which limits what it takes by :func:`maskfab.mask.process_limits.limit_share`; a
             warning in it is a failure.
 
     Raises:

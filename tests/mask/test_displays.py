@@ -20,7 +20,7 @@ from maskfab.base.model import Opening, Tiling, orient
 from maskfab.base.units import parse_pitch_um
 from maskfab.cli.command import command_of
 from maskfab.mask import job, opening_file
-from maskfab.mask import opening as given_emitters
+from maskfab.mask import opening_masks as given_emitters
 from maskfab.mask.emitter_layouts import (
     BLUE,
     DISPLAYS,

@@ -10,9 +10,9 @@ from klayout import db
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Die, Mark
+from maskfab.mask.design_rules import DesignRules, flat_results, merged
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.plate_rules import check_plate, drawn_polygons
-from maskfab.mask.rule import DesignRules, flat_results, merged
 
 EVERY = 10**6
 RULES = DesignRules(

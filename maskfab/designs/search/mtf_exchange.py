@@ -41,7 +41,7 @@ from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.base.work import Progress, silent
 from maskfab.camera.lens import CellGrid, lattice
 from maskfab.designs.model.limits import Rings, rings
-from maskfab.mask.opening import require_clear_dots
+from maskfab.mask.opening_masks import require_clear_dots
 
 STEPS = 2000, 400
 """Exchanges of a repeated unit, and of one turned at random: of 21 dots some 3 s and 7 s on one core."""

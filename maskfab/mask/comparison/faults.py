@@ -22,6 +22,7 @@ from maskfab.base.model import CLEAR, Plate, Quantity
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.comparison.roundtrip import sift
+from maskfab.mask.design_rules import DesignRules, distance_checks, facing_edges, flat_results, merged
 from maskfab.mask.formats.table import FORMATS
 from maskfab.mask.layout import (
     NAME_LENGTH,
@@ -34,7 +35,6 @@ from maskfab.mask.layout import (
     weight,
 )
 from maskfab.mask.plate_rules import check_plate, checked_extent, checked_names, smallest_features
-from maskfab.mask.rule import DesignRules, distance_checks, facing_edges, flat_results, merged
 
 GDSII_VERTICES = 8190
 """Most vertices of a GDSII polygon that every reader takes: a record has room for 8191, the first said twice."""

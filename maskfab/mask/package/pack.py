@@ -28,6 +28,7 @@ from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop, parse_shop
 from maskfab.job.values import PLATE_BITMAPS, SHOP_FORMATS, ShopFormat, is_table
 from maskfab.mask.comparison.files import compare_mask, read_mask
+from maskfab.mask.composition import compose
 from maskfab.mask.figures import CUT, PolygonOptions
 from maskfab.mask.formats import table
 from maskfab.mask.formats.format import DrawingStyle
@@ -49,7 +50,6 @@ from maskfab.mask.package.archive import (
     write_package,
 )
 from maskfab.mask.package.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
-from maskfab.mask.plate import compose
 from maskfab.mask.sandbox import bounded, seconds_of
 
 _HEADER_BYTES = 1_000_000

@@ -15,7 +15,7 @@ from small_job import command, edited, write_job
 from sweeps import sweep
 
 from maskfab.mask.comparison import faults
-from maskfab.mask.limits import children_seconds
+from maskfab.mask.process_limits import children_seconds
 from maskfab.report.rows import foreign
 from maskfab.report.rows.foreign import check_foreign
 

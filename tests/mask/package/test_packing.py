@@ -19,9 +19,9 @@ from maskfab.base.errors import MissingPackageError, SourceError
 from maskfab.mask import layout, sandbox
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
-from maskfab.mask.limits import children_seconds
 from maskfab.mask.package.archive import safe_stem
 from maskfab.mask.package.pack import pack, verify_package
+from maskfab.mask.process_limits import children_seconds
 
 LAYOUTS = Path(__file__).parents[3] / "layouts"
 
