@@ -81,14 +81,6 @@ def test_a_file_is_its_command_byte_for_byte(capsys, monkeypatch, tmp_path, kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_says_where_its_figures_come_from(kind):
-    found = shipped(kind).provenance
-    assert found["source"]
-    assert found["what"]
-    assert found["judgement"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_pitch_and_areas_are_as_stated(kind):
     opening = shipped(kind)
     clear, labels, _ = finer(opening)

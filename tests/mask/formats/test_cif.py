@@ -9,7 +9,7 @@ from maskfab.base.errors import OutputError
 from maskfab.base.model import CHROME, CLEAR, OUTLINE
 from maskfab.mask.figures import CUT, PolygonOptions, draw
 from maskfab.mask.formats.cif import write_cif
-from maskfab.mask.layout import layer_info, plate_layout, region
+from maskfab.mask.layout import layer_info, region
 
 every_way = pytest.mark.parametrize(
     "options",
@@ -59,20 +59,7 @@ def test_every_command_is_one_of_the_grammar(small_plate, tmp_path):
     assert commands[-1] == f"C{defined[-1]}"
 
 
-def test_two_writes_are_byte_identical(small_plate, tmp_path):
-    for name in ("a.cif", "b.cif"):
-        write_cif(small_plate, tmp_path / name)
-    assert (tmp_path / "a.cif").read_bytes() == (tmp_path / "b.cif").read_bytes()
-
-
 def test_a_file_that_would_be_too_large_is_not_begun(small_plate, tmp_path):
     with pytest.raises(OutputError, match="MF415"):
         write_cif(small_plate, tmp_path / "x.cif", limit_bytes=1000)
     assert not list(tmp_path.iterdir())
-
-
-def test_the_plate_is_on_its_layers_in_nanometres(small_plate, tmp_path):
-    write_cif(small_plate, tmp_path / "x.cif")
-    read = by_klayout(tmp_path / "x.cif")
-    assert read.dbu == 0.001
-    assert (region(read, db.LayerInfo(1, 0)) ^ region(plate_layout(small_plate), CLEAR)).is_empty()

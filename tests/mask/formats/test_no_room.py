@@ -1,4 +1,4 @@
-"""Every writer on a disk that is full, and killed half-way: nothing under the file's name, and the old file stays.
+"""Every writer: equal bytes for equal things; on a disk that is full, and killed half-way, the old file stays.
 
 The kernel's limit on the size of files stands for the disk. A process that has asked for its signal to be ignored is
 told by the failing write, as by a full disk; one that has not is killed on the spot, in the middle of its write.
@@ -141,6 +141,19 @@ def killed_script(limit: int, script: str, *arguments: object) -> subprocess.Com
 
 def test_every_writer_is_tried(writers):
     assert tuple(writers) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_two_writes_are_byte_identical_and_none_is_begun_without_a_folder(writers, tmp_path, name):
+    case = writers[name]
+    for stem in ("one", "other"):
+        case.write(tmp_path / f"{stem}{case.suffix}")
+    written = listing(tmp_path)
+    assert len(written) == 2
+    assert len(set(written.values())) == 1
+    with pytest.raises(OutputError, match="MF401"):
+        case.write(tmp_path / "none" / f"x{case.suffix}")
+    assert listing(tmp_path) == written
 
 
 @pytest.mark.parametrize("name", NAMES)
