@@ -27,25 +27,8 @@ from maskfab.base.files import partial
 from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate, Quantity
 from maskfab.base.processes import quiet
 from maskfab.base.units import MM_PER_NM
+from maskfab.mask.formats import solid
 from maskfab.mask.formats.format import Format, Stack
-from maskfab.mask.formats.solid import (
-    CHROME_RGB,
-    GLASS_ALPHA,
-    GLASS_RGB,
-    MOST_CAD_CELLS,
-    MOST_CAD_VERTICES,
-    Mesh,
-    box_mesh,
-    cells,
-    check_mesh_size,
-    check_solid_size,
-    film,
-    glass,
-    holes_nm,
-    openings_in_use,
-    rotation,
-    unit_names,
-)
 from maskfab.mask.formats.solid_check import NM, OCP, check_file, check_reach, step_rows
 from maskfab.mask.formats.step_process import Parts
 from maskfab.mask.sandbox import PATIENCE_S, read_apart
@@ -137,8 +120,8 @@ def _parts(model: Any) -> Iterator[tuple[str, list[int], int]]:
             yield product.Formation().OfProduct().Name().ToCString(), solids, number[id(shape.ContextOfItems())]
 
 
-_CHROME = Shade(CHROME_RGB)
-_GLASS = Shade(GLASS_RGB, transparency=1 - GLASS_ALPHA)
+_CHROME = Shade(solid.CHROME_RGB)
+_GLASS = Shade(solid.GLASS_RGB, transparency=1 - solid.GLASS_ALPHA)
 
 
 def write_step(
@@ -147,8 +130,8 @@ def write_step(
     comments: Sequence[str] = (),
     stack: Stack | None = None,
     *,
-    most_vertices: int = MOST_CAD_VERTICES,
-    most_cells: int = MOST_CAD_CELLS,
+    most_vertices: int = solid.MOST_CAD_VERTICES,
+    most_cells: int = solid.MOST_CAD_CELLS,
 ) -> None:
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
@@ -161,22 +144,22 @@ def write_step(
             :func:`maskfab.mask.formats.solid.check_solid_size`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "step", most_vertices, most_cells)
+    solid.check_solid_size(die, "step", most_vertices, most_cells)
     panel = die.panel
     with quiet():
         assembly = _Assembly(die.name)
-        low, high = glass(die, stack)
+        low, high = solid.glass(die, stack)
         assembly.place(assembly.root, assembly.part(_box(high - low), f"{die.name}_GLASS", _GLASS), "GLASS", low)
         tiles = {}
-        for opening in openings_in_use(panel):
+        for opening in solid.openings_in_use(panel):
             name = f"{panel.openings[opening].name}_FILM{opening}"
             tiles[opening] = assembly.part(_film(panel, opening, stack), name, _CHROME)
         units = {}
-        for cell, name in unit_names(panel).items():
+        for cell, name in solid.unit_names(panel).items():
             units[cell] = assembly.group(f"{die.name}_{name}")
-            turn = rotation(cell % ORIENTATIONS)
+            turn = solid.rotation(cell % ORIENTATIONS)
             assembly.place(units[cell], tiles[cell // ORIENTATIONS], "FILM", np.zeros(3), turn)
-        for name, cell, centre in cells(die):
+        for name, cell, centre in solid.cells(die):
             assembly.place(assembly.root, units[cell], name, centre)
         assembly.write(path, (*comments, *stack.remarks()))
 
@@ -326,7 +309,7 @@ def _film(panel: Panel, opening: int, stack: Stack) -> Any:
     whole = _box(size, -size / 2)
     below, height = -thick * MM_PER_NM, 2 * thick * MM_PER_NM
     prisms = TopTools_ListOfShape()
-    for hole in holes_nm(panel, opening):
+    for hole in solid.holes_nm(panel, opening):
         wire = BRepBuilderAPI_MakePolygon()
         for x, y in (hole * MM_PER_NM).tolist():
             wire.Add(gp_Pnt(x, y, below))
@@ -344,7 +327,7 @@ def _film(panel: Panel, opening: int, stack: Stack) -> Any:
     return cut.Shape()
 
 
-_SOLID_CHROME, _SOLID_GLASS = (*CHROME_RGB, 1.0), (*GLASS_RGB, GLASS_ALPHA)
+_SOLID_CHROME, _SOLID_GLASS = (*solid.CHROME_RGB, 1.0), (*solid.GLASS_RGB, solid.GLASS_ALPHA)
 
 
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
@@ -354,15 +337,17 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
+    solid.check_solid_size(die, "cadquery assembly", solid.MOST_CAD_VERTICES, solid.MOST_CAD_CELLS)
     import cadquery
 
-    low, high = glass(die, stack)
+    low, high = solid.glass(die, stack)
     whole = cadquery.Assembly(name=die.name)
     substrate = cadquery.Workplane(obj=cadquery.Shape.cast(_box(high - low)))
     whole.add(substrate, name="GLASS", loc=_location(low), color=cadquery.Color(*_SOLID_GLASS))
-    films = {opening: cadquery.Shape.cast(_film(die.panel, opening, stack)) for opening in openings_in_use(die.panel)}
-    for name, cell, centre in cells(die):
+    films = {
+        opening: cadquery.Shape.cast(_film(die.panel, opening, stack)) for opening in solid.openings_in_use(die.panel)
+    }
+    for name, cell, centre in solid.cells(die):
         opening, turn = divmod(cell, ORIENTATIONS)
         tile, place = cadquery.Workplane(obj=films[opening]), _location(centre, turn)
         whole.add(tile, name=name, loc=place, color=cadquery.Color(*_SOLID_CHROME))
@@ -377,14 +362,14 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
             :func:`maskfab.mask.formats.solid.film`.
     """
     stack = stack or Stack()
-    check_mesh_size(die, "trimesh scene")
+    solid.check_mesh_size(die, "trimesh scene")
     import trimesh
 
     scene = trimesh.Scene(base_frame=die.name)
     scene.units = "millimeters"
     for name, mesh, colour in (
-        ("GLASS", box_mesh(*glass(die, stack)), _SOLID_GLASS),
-        ("FILM", film(die, stack)[0], _SOLID_CHROME),
+        ("GLASS", solid.box_mesh(*solid.glass(die, stack)), _SOLID_GLASS),
+        ("FILM", solid.film(die, stack)[0], _SOLID_CHROME),
     ):
         scene.add_geometry(_trimesh(mesh, colour), node_name=name, geom_name=name)
     return scene
@@ -395,11 +380,11 @@ def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
     from OCP.gp import gp_Trsf
 
     to = gp_Trsf()
-    to.SetValues(*np.column_stack([rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
+    to.SetValues(*np.column_stack([solid.rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
     return cadquery.Location(to)
 
 
-def _trimesh(mesh: Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
+def _trimesh(mesh: solid.Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
     import trimesh
 
     made = trimesh.Trimesh(mesh.vertices_nm * MM_PER_NM, mesh.triangles, process=False)
