@@ -20,7 +20,7 @@ from types import SimpleNamespace
 from typing import NoReturn
 
 from maskfab.camera.frames import frame_process
-from maskfab.mask import limits
+from maskfab.mask import process_limits as limits
 from maskfab.mask.formats import gdstk_process, gerber_process, step_process
 
 LIBRARIES = {

@@ -25,6 +25,7 @@ from maskfab.base.folders import REPORT
 from maskfab.base.model import Die, Opening, Panel, Plate, Quantity, Tiling
 from maskfab.base.resources import path
 from maskfab.mask.comparison.roundtrip import compare_layout
+from maskfab.mask.design_rules import DesignRules
 from maskfab.mask.figures import draw
 from maskfab.mask.formats.cif import write_cif
 from maskfab.mask.formats.dxf_writer import write_dxf
@@ -34,7 +35,6 @@ from maskfab.mask.formats.step import check_step, write_step
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.plate_rules import check_plate
-from maskfab.mask.rule import DesignRules
 
 Row = tuple[str, float, float, str]
 """What, measured, most, unit."""

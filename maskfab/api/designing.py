@@ -53,8 +53,8 @@ from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
 from maskfab.job.sections import JobSpec, RelaxSection, SearchSection
 from maskfab.mask import opening_file, panels
-from maskfab.mask.opening import closed, from_array
 from maskfab.mask.opening_file import load_opening, opening_text
+from maskfab.mask.opening_masks import closed, from_array
 from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
 from maskfab.report.pages.design import Made, designed_document, write_design

@@ -21,8 +21,8 @@ from maskfab.base.units import NM_PER_UM, parse_pitch_um
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.values import check_name
 from maskfab.mask import emitter_layouts, opening_file
-from maskfab.mask import opening as decode
-from maskfab.mask import opening as shapes
+from maskfab.mask import opening_masks as decode
+from maskfab.mask import opening_masks as shapes
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -275,7 +275,7 @@ class Opening(model.Opening):
 
 
 def mask_of(given: ArrayLike, where: str, threshold: float | None = None) -> Mask:
-    """Clear dots of an array of a caller; errors as for :func:`maskfab.mask.opening.from_array`."""
+    """Clear dots of an array of a caller; errors as for :func:`maskfab.mask.opening_masks.from_array`."""
     cure = "Name the value from which on a dot is clear: Opening.of(array, pitch, threshold={middle})"
     return decode.from_array(given, where, threshold=threshold, cure=cure)
 

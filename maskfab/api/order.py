@@ -174,7 +174,7 @@ class Bids(tuple[Bid, ...]):
         for bid in self:
             reason = ", ".join(bid.changes) or "-"
             if bid.answer == "does not":
-                reason = "; ".join(finding.told for finding in bid.refusals)
+                reason = "; ".join(finding.value_text for finding in bid.refusals)
             elif bid.asked:
                 reason = "; ".join(
                     filter(None, (f"ask: {', '.join(finding.rule for finding in bid.asked)}", *bid.changes))

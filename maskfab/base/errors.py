@@ -154,7 +154,6 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF415": "A file would exceed its size limit.",
         "MF416": "A die needs more cell references than the shop allows.",
         "MF417": "A design rule is not valid.",
-        "MF418": "A layout has too many shapes for a check on flattened polygons.",
         "MF420": "No shop profile has that name or path.",
         "MF421": "A shop profile is malformed.",
         "MF422": "A file is not a package made by maskfab.",

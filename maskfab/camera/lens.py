@@ -32,7 +32,7 @@ from maskfab.base.model import ORIENTATIONS, Panel, Tiling, orient, refined, sid
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.job.camera import Camera, Stop
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 from maskfab.optics.gap import turned
 from maskfab.optics.restoration import squared_modulus
 from maskfab.optics.stop import Waves, stop_dots

@@ -18,7 +18,7 @@ import maskfab
 from maskfab.base.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
 from maskfab.cli.command import JSON, QUIET, Command, command_of, summary_of, tables
 from maskfab.cli.printing import one_line, print_json, print_told, progress_bar, tell
-from maskfab.mask.limits import limit_in_force
+from maskfab.mask.process_limits import limit_in_force
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Decide": ("advise", "design", "check", "compare"),

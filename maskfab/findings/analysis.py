@@ -39,8 +39,8 @@ from maskfab.mask import opening_file
 from maskfab.mask.formats.content import find_cell, find_layer
 from maskfab.mask.formats.gdsii import read_oasis, write_oasis
 from maskfab.mask.layout import plate_layout, region
-from maskfab.mask.limits import allow
 from maskfab.mask.panels import check_cover, check_panel_size
+from maskfab.mask.process_limits import allow
 from maskfab.mask.raster import aperture_in_stop, disjoint, edge_distances, outline_coverage
 from maskfab.mask.sandbox import bounded
 from maskfab.optics import metrics

@@ -64,8 +64,8 @@ from maskfab.mask.layout import (
     region,
     weight,
 )
-from maskfab.mask.limits import allow
 from maskfab.mask.plate_rules import judged
+from maskfab.mask.process_limits import allow
 from maskfab.mask.raster import aperture_in_stop, axis_nm, edge_distances, light_box, sees_light
 from maskfab.mask.sandbox import SHAPES_PER_SECOND
 from maskfab.optics import metrics

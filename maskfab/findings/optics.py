@@ -20,8 +20,8 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
+from maskfab.mask.composition import mirrored
 from maskfab.mask.job import Job
-from maskfab.mask.plate import mirrored
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities

@@ -67,11 +67,7 @@ class _Sides:
         self.gap = np.zeros(number.size, dtype=np.intp)
 
     def sweep(self) -> None:
-        """Look through all slabs.
-
-        Raises:
-            _MeetError: for a side that meets another.
-        """
+        """Look through all slabs."""
         far = np.flatnonzero(self.first < self.last)
         slab = np.concatenate([self.first, self.last[far]])
         order = np.argsort(slab, kind="stable")

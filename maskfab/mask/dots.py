@@ -107,9 +107,6 @@ def dot_rows(plate: Plate, grid: DotGrid, tone: Tone, *, upwards: bool) -> Itera
     """Rows of dots, eight to a byte, the leftmost in the highest bit; and how often in a row each comes.
 
     A dot is 1 where the digitized data are: in openings, or where they are dark in the chrome of the writable area.
-
-    Args:
-        upwards: the lowest row first, or the highest.
     """
     # Of every die its raster, the dots in each column of it, the first of them, and the first dot of each row.
     dies = []
@@ -214,14 +211,7 @@ def kissing(lower_left: Mask, lower_right: Mask, upper_left: Mask, upper_right: 
 
 @dataclass(frozen=True)
 class SmallestRuns:
-    """The narrowest features of a raster along the grid's axes, in the unit of its edges; inf where there are none.
-
-    Attributes:
-        clear_x: shortest clear run along a row.
-        clear_y: shortest clear run along a column.
-        opaque_x: shortest opaque run along a row.
-        opaque_y: shortest opaque run along a column.
-    """
+    """The narrowest features of a raster along the grid's axes, in the unit of its edges; inf where there are none."""
 
     clear_x: float
     clear_y: float
@@ -240,11 +230,7 @@ class SmallestRuns:
 
 
 def smallest_runs(
-    clear: Mask,
-    x_edges: Floats | None = None,
-    y_edges: Floats | None = None,
-    *,
-    periodic: bool = False,
+    clear: Mask, x_edges: Floats | None = None, y_edges: Floats | None = None, *, periodic: bool = False
 ) -> SmallestRuns:
     """Smallest clear width and smallest opaque space of a raster.
 
@@ -257,7 +243,6 @@ def smallest_runs(
         clear: bool [ny, nx].
         x_edges: float64 [nx + 1], ascending; whole dots if None.
         y_edges: float64 [ny + 1], ascending, in the same unit; whole dots if None.
-        periodic: whether the raster repeats in both directions.
     """
     ny, nx = clear.shape
     x = np.arange(nx + 1.0) if x_edges is None else np.asarray(x_edges, dtype=np.float64)

@@ -19,7 +19,7 @@ import numpy as np
 from maskfab.base.arrays import Floats, Labels, Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import refined
-from maskfab.mask.opening import MAX_DOTS, away, check_range
+from maskfab.mask.opening_masks import MAX_DOTS, away, check_range
 
 RED, GREEN, BLUE = 1, 2, 3
 _FINER = 2  # emitter cells along a dot of the round layout
@@ -40,10 +40,6 @@ def band(
     Both are centred from left to right; where parities differ, half a dot left of the centre.
 
     Args:
-        dots: along the cell's side.
-        clear_width, clear_height: the opening.
-        emitter_width, emitter_height: each emitter.
-        colour_gap: between neighbouring colours.
         to_opening: between the emitters and the openings below and above them.
 
     Raises:
@@ -119,7 +115,6 @@ def lined_diamond(
     Args:
         dots: along the cell's side, even.
         red_reach, green_reach, blue_reach, to_opening: as of :func:`diamond`.
-        line_width: of every line.
         first_data, second_data, power: left side of the lines that go up, from the middle of a rhombus.
         scan, emission: lower side of those that go across.
 
@@ -172,8 +167,6 @@ def delta(
 
     Args:
         dots: along the cell's side, a multiple of 12.
-        clear_width, clear_height: each opening.
-        emitter_width, emitter_height: each emitter.
 
     Raises:
         JobError: MF104 for a length below 1 or other dots, MF117 if an emitter and an opening meet.
@@ -205,8 +198,6 @@ def circular(dots: int, *, diameter: int, colour_gap: int, to_opening: int, bord
     its inner rim, by whole circles of cells, until the areas are nearest. Labels have two cells along a dot.
 
     Args:
-        dots: along the cell's side.
-        diameter: of the opening.
         colour_gap: between colours, along x or y.
         to_opening: from the opening to the ring, along x or y.
         border: from the ring to the cell's sides.
@@ -250,8 +241,6 @@ class Display:
     """A layout with the lengths of a display, and where they come from.
 
     Attributes:
-        layout: what draws it.
-        dots: along the cell's side.
         pitch: of the cell, as a user would write it.
         lengths: the layout's other arguments, in dots.
         source: who published figures.

@@ -28,11 +28,12 @@ from maskfab.job.order import Tone
 from maskfab.mask.layout import (
     CellArray,
     CellNames,
+    drawn_region,
+    insert_polygons,
     layer_info,
     orientations_in_use,
     placed,
     plate_names,
-    simple_polygon,
 )
 from maskfab.mask.outlines import (
     Corners,
@@ -226,9 +227,6 @@ class Figures:
 
     Attributes:
         cells: shapes of every cell that grids place, in its own coordinates, in the order of first use.
-        dies: in plate order.
-        marks: in plate order.
-        notes: texts.
         merged: written layers joined across pixels, in plate coordinates and raw; cells and marks then lack them.
     """
 
@@ -426,7 +424,7 @@ class _Drawing:
         No cut through slanted edges is exact, so round letters and stars it is drawn as triangles. Its holes are dies
         and those triangles, so none may go on :data:`CUT`, which would be subtracted from their chrome too.
         """
-        marks = [_polygons(mark.polygons) for mark in self._plate.marks if mark.layer.written]
+        marks = [drawn_region(mark.polygons) for mark in self._plate.marks if mark.layer.written]
         half = self._plate.writable_nm // 2
         field = db.Region(db.Box(-half, -half, half, half))
         field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
@@ -439,16 +437,10 @@ class _Drawing:
 
     def _cuts_others(self, own: str, holes: tuple[Polygon, ...]) -> bool:
         """Whether something written, which is not of the mark itself, lies in its holes."""
-        others = _polygons(
-            [
-                polygon
-                for mark in self._plate.marks
-                if mark.layer.written and mark.name != own
-                for polygon in mark.polygons
-            ]
-        )
+        marks = (mark for mark in self._plate.marks if mark.layer.written and mark.name != own)
+        others = drawn_region(polygon for mark in marks for polygon in mark.polygons)
         others.insert(db.Region([db.Box(*die.box_nm) for die in self._plate.dies]))
-        return not (_polygons(holes) & others).is_empty()
+        return not (drawn_region(holes) & others).is_empty()
 
     def _redrawn(
         self, shapes: Shapes, where: str, whole: db.Region | None = None, options: PolygonOptions | None = None
@@ -467,7 +459,7 @@ class _Drawing:
             if not layer.written:
                 redrawn[layer] = polygons
                 continue
-            region = _polygons(polygons)
+            region = drawn_region(polygons)
             if dark:
                 region = whole - region
             parted = region.merged(True, 1)
@@ -520,10 +512,6 @@ def moved(polygons: Sequence[Polygon], by_nm: Point) -> tuple[Polygon, ...]:
     return tuple(tuple((x + dx, y + dy) for x, y in polygon) for polygon in polygons)
 
 
-def _polygons(polygons: Sequence[Polygon]) -> db.Region:
-    return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
-
-
 def _merged(figures: Figures) -> tuple[Figures, _Done]:
     """Written layers joined across pixels and marks, and what that took."""
     layout = replace(figures, options=replace(figures.options, hierarchy="cells", bias_nm=None)).layout()
@@ -552,7 +540,7 @@ def _merged(figures: Figures) -> tuple[Figures, _Done]:
 
 def _round_slants(plate: Plate) -> db.Region:
     """Boxes of written marks with slanted edges."""
-    marks = (_polygons(mark.polygons) for mark in plate.marks if mark.layer.written)
+    marks = (drawn_region(mark.polygons) for mark in plate.marks if mark.layer.written)
     return db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()])
 
 
@@ -613,9 +601,7 @@ def _lettered(note: Note) -> tuple[Polygon, ...]:
 
 def _draw(cell: db.Cell, shapes: Shapes, layers: Mapping[Layer, int]) -> None:
     for layer, polygons in shapes.items():
-        drawn = cell.shapes(layers[layer])
-        for polygon in polygons:
-            drawn.insert(simple_polygon(polygon))
+        insert_polygons(cell.shapes(layers[layer]), polygons)
 
 
 def _count_references(dies: Sequence[DieFigures]) -> int:
@@ -658,13 +644,13 @@ def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | No
         return
     for mark in figures.marks:
         for polygon in mark.shapes.get(layer, ()):
-            yield filled(pen, polygon)
+            yield _filled(pen, polygon)
     if layer in figures.merged:
         for piece in figures.merged[layer].each():
-            yield filled(pen, hull_points(piece))
+            yield _filled(pen, hull_points(piece))
 
 
-def filled(pen: Pen, polygon: Polygon) -> str:
+def _filled(pen: Pen, polygon: Polygon) -> str:
     """The text of one polygon where it is drawn."""
     text, gaps = pen.outline(polygon)
     return text % tuple(pen.serial() if gap.axis == "serial" else pen.number(gap.value_nm) for gap in gaps)

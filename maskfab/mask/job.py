@@ -113,12 +113,7 @@ class Job:
         return provenance.signature(self.digest, self.seeds)
 
     def check_window(self) -> None:
-        """Refuse a window that shows replicas of the PSF, for verbs that show a PSF.
-
-        Raises:
-            JobError: MF104, MF113 or MF115 as :func:`maskfab.job.die.check_window`, of the camera's lines and of the
-                ends of the scene's bands.
-        """
+        """Refuse a window that shows replicas of the PSF, for verbs that show a PSF."""
         check_windows(self.spec, self.where)
         for band in () if self.scene is None else self.scene.bands:
             for number, die in enumerate(self.spec.die):
@@ -131,8 +126,8 @@ class Job:
             return die_panels(self.spec, self.openings, where=self.where)
 
     def plate(self) -> Plate:
-        """The job laid out; see :func:`maskfab.mask.plate.compose` for what is refused."""
-        from maskfab.mask.plate import compose
+        """The job laid out; see :func:`maskfab.mask.composition.compose` for what is refused."""
+        from maskfab.mask.composition import compose
 
         with self._camera_asked_for():
             return compose(self.spec, self.openings, self.signature, where=self.where)
@@ -158,7 +153,6 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
     """Read a job file and every file it names; nothing is computed yet.
 
     Args:
-        path: of the file.
         further: what a verb refuses before any work; called where there are faults, to tell it with them. Of the job
             that it gets nothing that is at fault can be read (:class:`maskfab.base.errors.AtFault`).
 
@@ -181,9 +175,6 @@ def resolve(stated: JobSpec, path: Path) -> Job:
 
     Args:
         path: the file that it came from; names of other files are relative to its folder.
-
-    Raises:
-        JobError, OpeningError, SourceError, OutputError: for all that is wrong, at once.
     """
     faults = JobFaults.of_spec(stated)
     job = _job(stated, path, faults)
@@ -270,7 +261,6 @@ def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path
 
     Raises:
         JobError: MF147 for a mask of other dots or another pitch than the opening, and as for a job.
-        OpeningError, SourceError: as :func:`maskfab.mask.opening_file.load_opening`.
     """
     texts, used = dict(job.spec.openings), {}
     for name, text in job.spec.openings.items():
@@ -296,12 +286,8 @@ def with_masks(job: Job, masks: Mapping[str, Path]) -> tuple[Job, dict[str, Path
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
     """Hold a file's text under its name, which must not stand for another text already."""
     if texts.setdefault(name, text) != text:
-        raise JobError(
-            "MF109",
-            f"two different {kind} have the name {name!r}",
-            where=where,
-            cure="Give one of them another name in its file",
-        )
+        what = f"two different {kind} have the name {name!r}"
+        raise JobError("MF109", what, where=where, cure="Give one of them another name in its file")
 
 
 def _with_maps(stated: JobSpec, path: Path, faults: JobFaults) -> JobSpec:

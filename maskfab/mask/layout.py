@@ -369,13 +369,12 @@ def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = Non
     for layer in layout.layer_indexes():
         covered = most_covered(layout, layer, placed)
         if covered > MOST_COVERED:
-            raise SourceError(
-                "MF326",
+            what = (
                 f"{path.name}: its shapes cover the box about them {covered:.3g} times over; the limit is "
-                f"{MOST_COVERED}",
-                where=str(path),
-                cure="Draw each place once: merge what overlaps, or mend the steps of its arrays",
+                f"{MOST_COVERED}"
             )
+            cure = "Draw each place once: merge what overlaps, or mend the steps of its arrays"
+            raise SourceError("MF326", what, where=str(path), cure=cure)
         for cell in layout.each_cell():
             if not cell.shapes(layer).is_empty():
                 _refuse_crossing(cell, layer, path)
@@ -384,12 +383,9 @@ def check_limits(layout: db.Layout, path: Path, placed: PlacedCells | None = Non
 def refuse_long(longest: int, path: Path) -> None:
     """Refuse a polygon of too many vertices before it is drawn. Raises SourceError MF313."""
     if longest > MOST_VERTICES:
-        raise SourceError(
-            "MF313",
-            f"{path.name} has a polygon of {longest} vertices; the limit is {MOST_VERTICES}",
-            where=str(path),
-            cure="Split it into polygons of fewer vertices, as mask writers ask",
-        )
+        what = f"{path.name} has a polygon of {longest} vertices; the limit is {MOST_VERTICES}"
+        cure = "Split it into polygons of fewer vertices, as mask writers ask"
+        raise SourceError("MF313", what, where=str(path), cure=cure)
 
 
 def check_size(layout: db.Layout, path: Path, placed: PlacedCells | None = None) -> int:
@@ -404,21 +400,13 @@ def check_size(layout: db.Layout, path: Path, placed: PlacedCells | None = None)
         raise too_many_cells(path)
     depth = max((cell.hierarchy_levels() for cell in layout.top_cells()), default=0)
     if depth > MOST_LEVELS:
-        raise SourceError(
-            "MF313",
-            f"{path.name} nests {depth} cells; the limit is {MOST_LEVELS}",
-            where=str(path),
-            cure="Flatten some levels of the hierarchy before export",
-        )
+        what = f"{path.name} nests {depth} cells; the limit is {MOST_LEVELS}"
+        raise SourceError("MF313", what, where=str(path), cure="Flatten some levels of the hierarchy before export")
     placed = placed or placed_cells(layout)
     shapes = count_shapes(layout, placed=placed)
     if shapes > MOST_SHAPES:
-        raise SourceError(
-            "MF313",
-            f"{path.name} draws {shapes:.3g} shapes, references followed; the limit is {MOST_SHAPES:.0e}",
-            where=str(path),
-            cure="Export the plate without arrays outside of it",
-        )
+        what = f"{path.name} draws {shapes:.3g} shapes, references followed; the limit is {MOST_SHAPES:.0e}"
+        raise SourceError("MF313", what, where=str(path), cure="Export the plate without arrays outside of it")
     _refuse_distant(layout, path, placed)
     return shapes
 
@@ -451,12 +439,9 @@ def _refuse_distant(layout: db.Layout, path: Path, placed: PlacedCells) -> None:
             reach = max(reach, far + round((1.5 * larger or 1.0) * reaches[child]))
         reaches[index] = reach
         if reach > FARTHEST_NM:
-            raise SourceError(
-                "MF313",
-                f"{path.name}: cell {cell.name!r} reaches {reach / 1e9:.3g} m from its origin; the limit is 1 m",
-                where=str(path),
-                cure="Check the unit, and delete shapes far from the origin",
-            )
+            what = f"{path.name}: cell {cell.name!r} reaches {reach / 1e9:.3g} m from its origin; the limit is 1 m"
+            cure = "Check the unit, and delete shapes far from the origin"
+            raise SourceError("MF313", what, where=str(path), cure=cure)
 
 
 def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
@@ -524,11 +509,11 @@ def plate_layout(plate: Plate) -> db.Layout:
             if key not in drawn:
                 drawn.add(key)
                 for layer, polygons in unit_shapes(die.panel, orientation).items():
-                    _draw(cells[names.units[key]].shapes(layers[layer]), polygons)
+                    insert_polygons(cells[names.units[key]].shapes(layers[layer]), polygons)
     for die, die_name in zip(plate.dies, names.dies, strict=True):
         top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
     for mark, mark_name in zip(plate.marks, names.marks, strict=True):
-        _draw(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
+        insert_polygons(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
         top.insert(db.CellInstArray(cells[mark_name].cell_index(), db.Trans()))
     for note in plate.notes:
         top.shapes(layers[NOTE]).insert(db.Text(note.text, db.Trans(*note.position_nm)))
@@ -541,10 +526,8 @@ def region(
     """Everything on a layer, flattened and merged; corners that kiss stay apart.
 
     Args:
-        layout: its database unit is 1 nm.
         layer: a layer of the plate, or one found by :func:`maskfab.mask.formats.content.find_layer`; the region of a
             layer that the layout lacks is empty.
-        box_nm: x0, y0, x1, y1 to which the region is clipped.
         cell: the cell to flatten, in its own coordinates; the only top cell if None.
     """
     info = layer_info(layer) if isinstance(layer, Layer) else layer
@@ -621,8 +604,6 @@ class PlateNames:
     """Cell names of a plate, the same in every format.
 
     Attributes:
-        dies: one for each die, in plate order.
-        marks: one for each mark, in plate order.
         units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
     """
 
@@ -676,7 +657,8 @@ def _grid(panel: Panel, names: PlateNames) -> CellArray:
     return CellArray(units, index, (0, 0), (panel.pitch_nm, panel.pitch_nm))
 
 
-def _draw(shapes: db.Shapes, polygons: tuple[Polygon, ...]) -> None:
+def insert_polygons(shapes: db.Shapes, polygons: Iterable[Polygon]) -> None:
+    """Draw polygons with exactly their vertices."""
     for polygon in polygons:
         shapes.insert(simple_polygon(polygon))
 
@@ -684,6 +666,5 @@ def _draw(shapes: db.Shapes, polygons: tuple[Polygon, ...]) -> None:
 def check_file_size(expected: int, limit: int, path: Path, cure: str) -> None:
     """Refuse (MF415) a file that would have more bytes than allowed, before a byte of it is written."""
     if expected > limit:
-        raise OutputError(
-            "MF415", f"{path.name} would have about {expected / 1e6:,.0f} MB; at most {limit / 1e6:,.0f} MB", cure=cure
-        )
+        what = f"{path.name} would have about {expected / 1e6:,.0f} MB; at most {limit / 1e6:,.0f} MB"
+        raise OutputError("MF415", what, cure=cure)

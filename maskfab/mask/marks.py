@@ -145,9 +145,6 @@ def cd_bars(name: str, centre_nm: Point, feature_nm: int, multiples: Sequence[in
     """Bars across x and across y at multiples of the smallest feature, each with the gauge that measures it.
 
     Args:
-        name: first part of the names of bars and gauges.
-        centre_nm: of the row of bars, which are two lengths apart.
-        feature_nm: the smallest feature of the plate.
         multiples: of it, one pair of bars for each.
         length_nm: of a bar, at least 400 um for the widest to keep clear of a neighbour's gauge.
     """
@@ -181,8 +178,6 @@ def line_space(
     """One upright group (V) over one lying group (H) for each multiple, from left to right.
 
     Args:
-        name: first part of the names of groups and gauges.
-        feature_nm: the smallest feature of the plate.
         multiples: of it, the widths of lines and of the spaces between them, rounded to nanometres.
         lines: clear lines in a group.
         length_nm: shortest a line may be; lines are as long as their group is wide where that is more.
@@ -264,9 +259,6 @@ def checkerboards(name: str, centre_nm: Point, feature_nm: int, multiples: Seque
     Squares touch in their corners on purpose: an overdose joins the clear ones, too little parts them.
 
     Args:
-        name: first part of the names of boards and gauges.
-        centre_nm: of the row of boards.
-        feature_nm: the smallest feature of the plate.
         multiples: of it, the sides of the squares, rounded to nanometres.
         squares: along a side of a board.
 
@@ -294,9 +286,6 @@ def corner_letters(name: str, centre_nm: Point, feature_nm: int, multiples: Sequ
     An L has one corner of each kind, which show how far a writer rounds them.
 
     Args:
-        name: first part of the names of letters and gauges.
-        centre_nm: of the row of letters.
-        feature_nm: the smallest feature of the plate.
         multiples: of it, the widths of the arms, rounded to nanometres; arms are six widths long.
 
     Returns:
@@ -349,11 +338,8 @@ def _signed(value: object) -> float:
 def _module(value: object) -> float:
     side = length_um(value)
     if side < _SMALLEST_MODULE_UM:
-        raise JobError(
-            "MF104",
-            f"{value!r} is less than the {_SMALLEST_MODULE_UM} um that a camera reads",
-            cure=f'Use module = "{_SMALLEST_MODULE_UM} um" or more',
-        )
+        what = f"{value!r} is less than the {_SMALLEST_MODULE_UM} um that a camera reads"
+        raise JobError("MF104", what, cure=f'Use module = "{_SMALLEST_MODULE_UM} um" or more')
     return side
 
 
@@ -488,7 +474,6 @@ class PlateTemplate(Section):
     """A whole template.
 
     Attributes:
-        summary: one line that says what it is.
         source: where its numbers were published, or that they are a choice.
         blank: side of the square blank, micrometres.
         thickness: of the blank, micrometres.
@@ -518,21 +503,10 @@ def template_names() -> tuple[str, ...]:
 
 
 def plate_template(name: str, *, where: str = "") -> PlateTemplate:
-    """A template by its name.
-
-    Args:
-        name: one of :func:`template_names`.
-
-    Raises:
-        JobError: MF124 if the file cannot be used, MF125 if there is none of that name.
-    """
+    """A template by its name. Raises JobError MF124 if the file cannot be used, MF125 if there is none of that name."""
     if name not in template_names():
-        raise JobError(
-            "MF125",
-            f"there is no plate template {name!r}; there are {', '.join(template_names())}",
-            where=where,
-            cure="Use one of these, or state blank and writable",
-        )
+        what = f"there is no plate template {name!r}; there are {', '.join(template_names())}"
+        raise JobError("MF125", what, where=where, cure="Use one of these, or state blank and writable")
     return _shipped(name)
 
 

@@ -15,7 +15,7 @@ A TOML opening is a drawing with its facts beside it, and the facts are checked 
     [provenance]
     author = "..."             # any keys; text and numbers
 
-Other kinds of file become a mask in :mod:`maskfab.mask.opening`.
+Other kinds of file become a mask in :mod:`maskfab.mask.opening_masks`.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from maskfab.base.model import Opening
 from maskfab.base.units import NM_PER_UM, parse_pitch_um, to_nm
 from maskfab.job.toml import loads
 from maskfab.job.values import check_name
-from maskfab.mask import opening as decode
-from maskfab.mask.opening import closed
+from maskfab.mask import opening_masks as decode
+from maskfab.mask.opening_masks import closed
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance")
@@ -123,11 +123,7 @@ def load_opening(
 
 
 def parse_opening(text: str, where: str = "") -> Opening:
-    """The opening that a TOML text describes; ``where`` names the text in errors.
-
-    Raises:
-        JobError, OpeningError: as for :func:`load`.
-    """
+    """The opening that a TOML text describes; ``where`` names the text in errors."""
     # Decimal keeps how many digits the open ratio has.
     facts = facts_of(text, "An opening", _KEYS, where, parse_float=Decimal)
     name = _required(facts, "name", str, where)
@@ -136,12 +132,9 @@ def parse_opening(text: str, where: str = "") -> Opening:
     mask = decode.mask_of_lines(list(enumerate(grid.splitlines(), start=1)), at_key(where, "grid"))
     dots = _required(facts, "dots", int, where)
     if dots != mask.shape[0]:
-        raise OpeningError(
-            "MF206",
-            f"dots = {dots} but the grid has {mask.shape[0]} x {mask.shape[0]} dots",
-            where=at_key(where, "dots"),
-            cure=f"Set dots = {mask.shape[0]} or draw {dots} lines of {dots} characters",
-        )
+        what = f"dots = {dots} but the grid has {mask.shape[0]} x {mask.shape[0]} dots"
+        cure = f"Set dots = {mask.shape[0]} or draw {dots} lines of {dots} characters"
+        raise OpeningError("MF206", what, where=at_key(where, "dots"), cure=cure)
     if "pitch" not in facts:
         raise _absent("pitch", where)
     place = at_key(where, "pitch")
@@ -186,13 +179,11 @@ def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
     dot_nm, rest = divmod(pitch_nm, dots)
     if rest:
         below, above = (f"{CellSize(dots, d).pitch_um:g} um" for d in (dot_nm, dot_nm + 1))
-        raise JobError(
-            "MF106",
+        what = (
             f"pitch {pitch_nm / NM_PER_UM:.15g} um is not a multiple of {dots} dots of whole nanometres: one dot would "
-            f"be {pitch_nm / dots:.4f} nm",
-            where=where,
-            cure=f"Use a pitch of {above}" + (f" or {below}" if dot_nm else ""),
+            f"be {pitch_nm / dots:.4f} nm"
         )
+        raise JobError("MF106", what, where=where, cure=f"Use a pitch of {above}" + (f" or {below}" if dot_nm else ""))
     return dot_nm
 
 
@@ -211,12 +202,8 @@ def checked(name: str, mask: Mask, dot_nm: int, provenance: Mapping[str, str | i
 
 def _check_number(key: str, value: int | None, where: str) -> None:
     if value is not None and value < 1:
-        raise JobError(
-            "MF104",
-            f"{key} = {value} must be at least 1",
-            where=at_key(where, key),
-            cure="Give a whole number of 1 or more",
-        )
+        what = f"{key} = {value} must be at least 1"
+        raise JobError("MF104", what, where=at_key(where, key), cure="Give a whole number of 1 or more")
     if key == "dots" and value is not None:
         decode.check_dots(value, where)
 
@@ -224,12 +211,8 @@ def _check_number(key: str, value: int | None, where: str) -> None:
 def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where: str) -> None:
     for key, stated, actual in (("dots", dots, opening.dots), ("dot_nm", dot_nm, opening.dot_nm)):
         if stated is not None and stated != actual:
-            raise OpeningError(
-                "MF206",
-                f"{key} = {stated} was asked for, but the file has {actual}",
-                where=where,
-                cure=f"Leave {key} out or set it to {actual}",
-            )
+            what = f"{key} = {stated} was asked for, but the file has {actual}"
+            raise OpeningError("MF206", what, where=where, cure=f"Leave {key} out or set it to {actual}")
 
 
 def _check_open_ratio(stated: object, mask: Mask, where: str) -> None:
@@ -237,21 +220,16 @@ def _check_open_ratio(stated: object, mask: Mask, where: str) -> None:
         raise JobError("MF105", f"open_ratio = {stated!r} is not a number", where=where, cure="Write open_ratio = 0.2")
     ratio = Decimal(stated)
     if not ratio.is_finite() or not 0 <= ratio <= 1:
-        raise JobError(
-            "MF104", f"open_ratio = {ratio} must lie between 0 and 1", where=where, cure="Write open_ratio = 0.2"
-        )
+        what = f"open_ratio = {ratio} must lie between 0 and 1"
+        raise JobError("MF104", what, where=where, cure="Write open_ratio = 0.2")
     clear = int(mask.sum())
     share = Decimal(clear) / mask.size
     digits = 0 if isinstance(stated, int) else -int(ratio.as_tuple().exponent)
     # A whole number has no printed decimals to round to, so it must be met exactly.
     half_unit = Decimal(0) if digits <= 0 else Decimal(10) ** -digits / 2
     if abs(share - ratio) > half_unit:
-        raise OpeningError(
-            "MF206",
-            f"open_ratio = {ratio} but {clear} of {mask.size} dots are clear, which is {share:.{max(digits, 4)}f}",
-            where=where,
-            cure=f"Set open_ratio = {share:.4f} or mend the grid",
-        )
+        what = f"open_ratio = {ratio} but {clear} of {mask.size} dots are clear, which is {share:.{max(digits, 4)}f}"
+        raise OpeningError("MF206", what, where=where, cure=f"Set open_ratio = {share:.4f} or mend the grid")
 
 
 def _required(facts: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
@@ -259,12 +237,9 @@ def _required(facts: Mapping[str, Any], key: str, kind: type, where: str) -> Any
         raise _absent(key, where)
     value = facts[key]
     if not isinstance(value, kind) or isinstance(value, bool):
-        raise JobError(
-            "MF105",
-            f"{key} = {value!r} is of type {type(value).__name__}, not {kind.__name__}",
-            where=at_key(where, key),
-            cure=f"Write {key} as {'text in quotes' if kind is str else 'a whole number'}",
-        )
+        what = f"{key} = {value!r} is of type {type(value).__name__}, not {kind.__name__}"
+        cure = f"Write {key} as {'text in quotes' if kind is str else 'a whole number'}"
+        raise JobError("MF105", what, where=at_key(where, key), cure=cure)
     return value
 
 
@@ -289,47 +264,28 @@ def _read_bytes(path: Path) -> bytes:
     where, suffix = str(path), path.suffix.lower()
     if not os.path.isfile(path):
         problem = "is a directory" if os.path.isdir(path) else "does not exist"
-        raise SourceError(
-            "MF301",
-            f"the opening's file {problem}",
-            where=where,
-            cure="Give the path of an existing opening; paths in a job are relative to the job file",
-        )
+        cure = "Give the path of an existing opening; paths in a job are relative to the job file"
+        raise SourceError("MF301", f"the opening's file {problem}", where=where, cure=cure)
     if suffix not in _SUFFIXES:
-        raise SourceError(
-            "MF308",
-            f"no opening is read from a file with the suffix {path.suffix!r}",
-            where=where,
-            cure=f"Use one of {' '.join(_SUFFIXES)}",
-        )
+        what = f"no opening is read from a file with the suffix {path.suffix!r}"
+        raise SourceError("MF308", what, where=where, cure=f"Use one of {' '.join(_SUFFIXES)}")
     try:
         content = path.read_bytes()
     except OSError as problem:
-        raise SourceError(
-            "MF303",
-            f"cannot be read: {problem.strerror}",
-            where=where,
-            cure="Check that you may read the file, or copy it again",
-        ) from None
+        cure = "Check that you may read the file, or copy it again"
+        raise SourceError("MF303", f"cannot be read: {problem.strerror}", where=where, cure=cure) from None
     if not content.strip():
-        raise SourceError(
-            "MF302",
-            f"{len(content)} bytes and no content",
-            where=where,
-            cure="Write the opening again; layouts/openings/toled.toml shows how one looks",
-        )
+        cure = "Write the opening again; layouts/openings/toled.toml shows how one looks"
+        raise SourceError("MF302", f"{len(content)} bytes and no content", where=where, cure=cure)
     kind_found = next((kind for kind, starts in _MAGIC.items() if content.startswith(starts)), None)
     expected = _FORMAT.get(suffix)
     # A file shorter than its signature that begins like one is truncated, not of another kind.
     truncated = kind_found is None and expected and any(start.startswith(content) for start in _MAGIC[expected])
     if kind_found != expected and not truncated:
-        raise SourceError(
-            "MF304",
-            f"the suffix {path.suffix} means {expected or 'text'}, but the file begins with {content[:8]!r}"
-            + (f" as {kind_found} does" if kind_found else ""),
-            where=where,
-            cure="Give the file the suffix of its content, or write it again",
+        what = f"the suffix {path.suffix} means {expected or 'text'}, but the file begins with {content[:8]!r}" + (
+            f" as {kind_found} does" if kind_found else ""
         )
+        raise SourceError("MF304", what, where=where, cure="Give the file the suffix of its content, or write it again")
     return content
 
 
@@ -341,9 +297,8 @@ def _decode(content: bytes, where: str) -> str:
     else:
         fault = "it holds a NUL character" if "\0" in text else ""
     if fault:
-        raise SourceError(
-            "MF304", f"the file is not text: {fault}", where=where, cure="Save it as UTF-8 text, or rename it"
-        )
+        what = f"the file is not text: {fault}"
+        raise SourceError("MF304", what, where=where, cure="Save it as UTF-8 text, or rename it")
     return text
 
 

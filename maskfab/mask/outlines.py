@@ -473,11 +473,8 @@ def text_polygons(
     """
     lacking = sorted({c for c in text if not (c == " " or " " < c <= "~")})
     if lacking:
-        raise JobError(
-            "MF110",
-            f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}",
-            cure="Use ASCII letters, digits and punctuation",
-        )
+        what = f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}"
+        raise JobError("MF110", what, cure="Use ASCII letters, digits and punctuation")
     step_nm = _step_nm(height_nm)
     x0 = anchor_nm[0] - (text_width_nm(text, height_nm) // 2 if align == "centre" else 0)
     return tuple(

@@ -21,9 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import CLEAR, Box, Die, Panel, Polygon
-from maskfab.mask.dots import die_edges_nm, die_raster, kissing, smallest_runs
-from maskfab.mask.outlines import unit_shapes
-from maskfab.mask.rule import (
+from maskfab.mask.design_rules import (
     LARGEST,
     Canvas,
     Check,
@@ -42,6 +40,8 @@ from maskfab.mask.rule import (
     off_grid,
     together,
 )
+from maskfab.mask.dots import die_edges_nm, die_raster, kissing, smallest_runs
+from maskfab.mask.outlines import unit_shapes
 
 
 @dataclass(frozen=True, eq=False)

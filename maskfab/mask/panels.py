@@ -48,8 +48,8 @@ from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.values import check_name
-from maskfab.mask.opening import drawn_lines
 from maskfab.mask.opening_file import at_key, facts_of, provenance_lines, provenance_of, quoted
+from maskfab.mask.opening_masks import drawn_lines
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.tiling import MOST_OPENINGS, orientations
 
@@ -190,27 +190,18 @@ def read_map(path: str | Path) -> CellMap:
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF304 not text, MF308 another suffix.
-        JobError: as for :func:`parse`.
     """
     path = Path(path)
     where = str(path)
     if not os.path.isfile(path):
-        raise SourceError(
-            "MF301",
-            "the map's file does not exist",
-            where=where,
-            cure="Give the path of a map (.toml), relative to the job file",
-        )
+        what = "the map's file does not exist"
+        raise SourceError("MF301", what, where=where, cure="Give the path of a map (.toml), relative to the job file")
     if path.suffix.lower() != ".toml":
         raise SourceError("MF308", f"no map is read from a {path.suffix} file", where=where, cure="A map ends in .toml")
     content = path.read_bytes()
     if not content.strip():
-        raise SourceError(
-            "MF302",
-            f"{len(content)} bytes and no content",
-            where=where,
-            cure="Write the map again; layouts/maps/bar.toml shows how one looks",
-        )
+        cure = "Write the map again; layouts/maps/bar.toml shows how one looks"
+        raise SourceError("MF302", f"{len(content)} bytes and no content", where=where, cure=cure)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -233,24 +224,19 @@ def parse_map(text: str, where: str = "") -> CellMap:
         place = at_key(where, "openings")
         held = _digits(_text(facts, "openings", where), _OPENINGS, place)
         if held.shape != cells.shape:
-            raise JobError(
-                "MF122",
+            what = (
                 f"{held.shape[0]} rows of {held.shape[1]} openings for a map of {cells.shape[0]} rows of "
-                f"{cells.shape[1]} cells",
-                where=place,
-                cure="Give as many rows and columns as the map has cells",
+                f"{cells.shape[1]} cells"
             )
+            raise JobError("MF122", what, where=place, cure="Give as many rows and columns as the map has cells")
         cells = cells + ORIENTATIONS * held
     shifts = _shifts(facts.get("shifts", []), at_key(where, "shifts"))
     beyond = _beyond(facts.get("beyond"), at_key(where, "beyond"))
     most = max(int(cells.max()), beyond or 0) // ORIENTATIONS
     if shifts and most >= len(shifts):
-        raise JobError(
-            "MF122",
-            f"the map asks for opening {most}, counted from 0, and there are {len(shifts)} shifts",
-            where=at_key(where, "shifts"),
-            cure="Give one for each opening, [0, 0] for one that stays",
-        )
+        what = f"the map asks for opening {most}, counted from 0, and there are {len(shifts)} shifts"
+        cure = "Give one for each opening, [0, 0] for one that stays"
+        raise JobError("MF122", what, where=at_key(where, "shifts"), cure=cure)
     return CellMap(name, cells, provenance_of(facts, where), shifts, beyond)
 
 
@@ -297,19 +283,11 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
         return held
     opening, *others = held
     if others:
-        raise JobError(
-            "MF122",
-            f"the map {cells.name!r} moves one opening, and the die has {len(held)}",
-            where=where,
-            cure="Remove the die's key others, or the map's shifts",
-        )
+        what = f"the map {cells.name!r} moves one opening, and the die has {len(held)}"
+        raise JobError("MF122", what, where=where, cure="Remove the die's key others, or the map's shifts")
     if opening.emitters is not None and any(shift != (0, 0) for shift in cells.shifts):
-        raise JobError(
-            "MF119",
-            f"the map {cells.name!r} moves the opening {opening.name!r}, whose emitters are drawn where it stands",
-            where=where,
-            cure="Use an opening without emitters, or a map without shifts",
-        )
+        what = f"the map {cells.name!r} moves the opening {opening.name!r}, whose emitters are drawn where it stands"
+        raise JobError("MF119", what, where=where, cure="Use an opening without emitters, or a map without shifts")
     openings = []
     for number, shift in enumerate(cells.shifts):
         if shift == (0, 0):
@@ -318,13 +296,11 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
         mask = shifted(opening.mask, shift)
         if mask.sum() < opening.clear_dots:
             right, up = shift
-            raise JobError(
-                "MF122",
+            what = (
                 f"the map {cells.name!r} moves {opening.clear_dots - int(mask.sum())} clear dots of {opening.name!r} "
-                f"out of the cell: {right} right, {up} up",
-                where=where,
-                cure="Use the opening that the map was made for",
+                f"out of the cell: {right} right, {up} up"
             )
+            raise JobError("MF122", what, where=where, cure="Use the opening that the map was made for")
         suffix = f"_{number}"
         name = opening.name[: _LONGEST_NAME - len(suffix)] + suffix
         openings.append(replace(opening, name=name, mask=mask))
@@ -375,33 +351,20 @@ def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, opening
 def _digits(text: str, digits: str, where: str) -> Labels:
     rows = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not rows:
-        raise JobError(
-            "MF122", "the map has 0 rows", where=where, cure=f"Draw it in digits {digits[0]} to {digits[-1]}"
-        )
+        what = "the map has 0 rows"
+        raise JobError("MF122", what, where=where, cure=f"Draw it in digits {digits[0]} to {digits[-1]}")
     width = len(rows[0][1])
     for number, row in rows:
         wrong = next((place for place, character in enumerate(row) if character not in digits), None)
         if wrong is not None:
-            raise JobError(
-                "MF122",
-                f"line {number}, column {wrong + 1}: {row[wrong]!r} is none of {digits}",
-                where=where,
-                cure="Replace it by one of these digits",
-            )
+            what = f"line {number}, column {wrong + 1}: {row[wrong]!r} is none of {digits}"
+            raise JobError("MF122", what, where=where, cure="Replace it by one of these digits")
         if len(row) != width:
-            raise JobError(
-                "MF122",
-                f"line {number} has {len(row)} cells where the first has {width}",
-                where=where,
-                cure=f"Give every line {width} digits",
-            )
+            what = f"line {number} has {len(row)} cells where the first has {width}"
+            raise JobError("MF122", what, where=where, cure=f"Give every line {width} digits")
     if max(len(rows), width) > _MOST_CELLS:
-        raise JobError(
-            "MF115",
-            f"the map is {len(rows)} x {width} cells; the limit is {_MOST_CELLS} along a side",
-            where=where,
-            cure="Draw only the cells over the stop",
-        )
+        what = f"the map is {len(rows)} x {width} cells; the limit is {_MOST_CELLS} along a side"
+        raise JobError("MF115", what, where=where, cure="Draw only the cells over the stop")
     return np.array([[digits.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
 
 
@@ -420,9 +383,8 @@ def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
     if not isinstance(stated, list) or any(
         not isinstance(pair, list) or len(pair) != 2 or not all(map(whole, pair)) for pair in stated
     ):
-        raise JobError(
-            "MF105", "shifts is not a list of pairs of whole numbers", where=where, cure="Write [[0, 0], [2, 0]]"
-        )
+        what = "shifts is not a list of pairs of whole numbers"
+        raise JobError("MF105", what, where=where, cure="Write [[0, 0], [2, 0]]")
     if len(stated) > MOST_OPENINGS:
         raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
     return tuple((right, up) for right, up in stated)
@@ -492,12 +454,9 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
 def _side_nm(die: DieSection, slot_nm: int, where: str) -> int:
     side_nm = slot_nm if die.size is None else to_nm(die.size, where=f"{where}.size", name="size")
     if side_nm > slot_nm:
-        raise JobError(
-            "MF108",
-            f"die {die.name!r} is {side_nm / NM_PER_UM:g} um wide, more than its slot of {slot_nm / NM_PER_UM:g} um",
-            where=f"{where}.size",
-            cure=f'Use size = "{slot_nm / NM_PER_UM:g} um" or less, or a larger plate.die_size',
-        )
+        what = f"die {die.name!r} is {side_nm / NM_PER_UM:g} um wide, more than its slot of {slot_nm / NM_PER_UM:g} um"
+        cure = f'Use size = "{slot_nm / NM_PER_UM:g} um" or less, or a larger plate.die_size'
+        raise JobError("MF108", what, where=f"{where}.size", cure=cure)
     return side_nm
 
 
@@ -505,12 +464,10 @@ def check_alike(held: tuple[Opening, ...], where: str) -> None:
     """Cells that choose among openings are of one size."""
     for opening in held[1:]:
         if opening.dots != held[0].dots:
-            raise JobError(
-                "MF122",
-                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}",
-                where=where,
-                cure="Choose among openings of one size",
+            what = (
+                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}"
             )
+            raise JobError("MF122", what, where=where, cure="Choose among openings of one size")
 
 
 def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellMap | None, *, where: str) -> Panel:
@@ -518,9 +475,6 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
 
     Args:
         side_nm: of the square that it may fill.
-
-    Raises:
-        JobError: as :func:`die_panels`, but for the stop.
     """
     opening, *others = held
     size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))
@@ -529,13 +483,11 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellM
     dot_nm, pitch_nm = size.dot_nm, size.pitch_nm
     cells = side_nm // pitch_nm
     if cells < 1:
-        raise JobError(
-            "MF108",
+        what = (
             f"die {die.name!r}: one cell of {pitch_nm / NM_PER_UM:g} um does not fit a die of "
-            f"{side_nm / NM_PER_UM:g} um",
-            where=where,
-            cure="Use a larger plate.die_size or a finer dot",
+            f"{side_nm / NM_PER_UM:g} um"
         )
+        raise JobError("MF108", what, where=where, cure="Use a larger plate.die_size or a finer dot")
     check_panel_size(cells, opening.dots, pitch_nm, f"die {die.name!r}", where=where)
     rows, columns = (cells, cells) if given is None else panel_shape(given, cells, cells)
     if die.tiling is Tiling.HEXAGONAL:
@@ -612,13 +564,11 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
     if stop.shape not in ("circle", "square"):
         if cut(panel_aperture(panel, stop.diameter_um / 2), stop).energy_um2 > 0:
             return
-        raise SourceError(
-            "MF309",
+        what = (
             f"nothing of the opening {panel.opening.name!r} is clear inside a stop, the {stop.shape} of "
-            f"{stop.diameter_um:g} um",
-            where=where,
-            cure="Increase camera.stop until a clear dot lies in it",
+            f"{stop.diameter_um:g} um"
         )
+        raise SourceError("MF309", what, where=where, cure="Increase camera.stop until a clear dot lies in it")
     pitch_um = panel.cell_size.pitch_um
     if stop.diameter_um >= 3 * pitch_um:
         return  # it holds a whole cell, wherever it lies
@@ -635,10 +585,8 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
             away = [np.maximum(0.0, np.maximum(low, -low - dot_um)) for low in (up, right)]
             gaps.append(float((np.hypot(*away) if stop.shape == "circle" else np.maximum(*away)).min()))
     if min(gaps) >= stop.diameter_um / 2:
-        raise SourceError(
-            "MF309",
+        what = (
             f"nothing of the opening {panel.opening.name!r} is clear inside a stop of {stop.diameter_um:g} um; the "
-            f"nearest clear dot is {min(gaps):g} um from its centre",
-            where=where,
-            cure="Increase camera.stop until a clear dot lies in it",
+            f"nearest clear dot is {min(gaps):g} um from its centre"
         )
+        raise SourceError("MF309", what, where=where, cure="Increase camera.stop until a clear dot lies in it")

@@ -1,4 +1,4 @@
-"""Design rules of a plate, checked exactly without drawing its panels, and of any layout, flattened; the smallest
+"""Design rules of a plate, checked exactly without drawing its panels where dies lie apart; the smallest
 features by which a house judges and prices it; and a marker file (.lyrdb) that KLayout shows on top of the plate."""
 
 from __future__ import annotations
@@ -12,18 +12,15 @@ from pathlib import Path
 import numpy as np
 from klayout import db, rdb
 
-from maskfab.base.errors import SourceError
 from maskfab.base.findings import LIMITS
-from maskfab.base.model import CLEAR, Box, Die, Layer, Mark, Plate, Polygon, Quantity
+from maskfab.base.model import CLEAR, Box, Die, Mark, Plate, Polygon, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.process import Process
 from maskfab.job.sections import LimitsSection
-from maskfab.mask.layout import DBU_UM, file_references, layer_info, plate_layout, plate_names, region, simple_polygon
+from maskfab.mask.design_rules import DesignRules, RuleResult, counted_references, flat_results, merged
+from maskfab.mask.layout import DBU_UM, drawn_region, file_references, layer_info, plate_layout, plate_names, region
 from maskfab.mask.marks import bounding_box
 from maskfab.mask.panel_rules import Narrowest, PanelCells, Tone, narrowest, panel_results
-from maskfab.mask.rule import DesignRules, RuleResult, counted_references, flat_results, merged
-
-MOST_SHAPES = 200_000
 
 
 def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult, ...]:
@@ -61,53 +58,6 @@ def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResu
     return RuleResult("extent", f"{width} x {height}", "nm", worst, len(out), places)
 
 
-def check_layout(
-    layout: db.Layout,
-    rules: DesignRules,
-    *,
-    layers: Sequence[Layer | db.LayerInfo] = (CLEAR,),
-    most: int = 16,
-    most_shapes: int = MOST_SHAPES,
-) -> tuple[RuleResult, ...]:
-    """Every rule on a flattened layout.
-
-    Args:
-        layout: one top cell, database unit 1 nm.
-        layers: what is written; layers are joined, one that the layout lacks is empty.
-
-    Raises:
-        SourceError: MF305 if there is not one top cell, MF418 if the layout has more shapes than that.
-    """
-    tops = layout.top_cells()
-    if len(tops) != 1:
-        raise SourceError(
-            "MF305", f"the layout has {len(tops)} top cells; one is needed", cure="Keep the one that is the plate"
-        )
-    infos = [layer_info(layer) if isinstance(layer, Layer) else layer for layer in layers]
-    indices = [index for index in map(layout.find_layer, infos) if index is not None]
-    shapes = sum(flat_shapes(layout, index) for index in indices)
-    if shapes > most_shapes:
-        raise SourceError(
-            "MF418",
-            f"the layout has {shapes} shapes once flattened; design rules are checked on at most {most_shapes}",
-            cure="Check the plate itself, or a smaller cell",
-        )
-    polygons = drawn_polygons(layout, indices)
-    region = db.Region()
-    for index in indices:
-        region += db.Region(tops[0].begin_shapes_rec(index))
-    results = [*flat_results(merged(region), polygons, rules, most)]
-    results += checked_names([cell.name for cell in layout.each_cell()], rules)
-    if rules.max_references is not None:
-        references = sum(cell.child_instances() for cell in layout.each_cell())
-        results.append(counted_references(references, rules.max_references))
-    if rules.extent_nm is not None:
-        box = region.bbox()
-        boxes = [] if box.empty() else [(box.left, box.bottom, box.right, box.top)]
-        results.append(checked_extent(boxes, rules.extent_nm))
-    return tuple(results)
-
-
 def drawn_polygons(layout: db.Layout, indices: Sequence[int]) -> list[Polygon]:
     """The polygons of layers as they are drawn, flattened; holes are outlines of their own."""
     polygons: list[Polygon] = []
@@ -121,19 +71,6 @@ def drawn_polygons(layout: db.Layout, indices: Sequence[int]) -> list[Polygon]:
     return polygons
 
 
-def flat_shapes(layout: db.Layout, index: int) -> int:
-    """Number of shapes on a layer once the hierarchy is flattened, found without flattening it."""
-    times = {layout.top_cell().cell_index(): 1}
-    total = 0
-    for cell_index in layout.each_cell_top_down():
-        cell, placed = layout.cell(cell_index), times.get(cell_index, 0)
-        total += placed * cell.shapes(index).size()
-        for instance in cell.each_inst():
-            copies = instance.na * instance.nb if instance.is_regular_array() else 1
-            times[instance.cell_index] = times.get(instance.cell_index, 0) + placed * copies
-    return total
-
-
 def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[RuleResult, ...]:
     """Every rule on every die, on the marks, and on the plate as a whole.
 
@@ -141,9 +78,6 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     rounds; of a space that runs on through several cells only the lower left corner of the place is. Dies and marks
     are looked at one by one, unless some lie within the rules' reach of each other: then the plate is flattened, which
     takes as long as it does in KLayout, and the rules on geometry have one result, without a die.
-
-    Args:
-        plate: the plate; only what is written counts.
 
     Returns:
         For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
@@ -154,8 +88,7 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     if dies_apart(plate, rules.reach_nm):
         for die in plate.dies:
             results += panel_results(die, rules, most)
-        drawn = db.Region([simple_polygon(polygon) for polygon in marks])
-        results += flat_results(merged(drawn), marks, rules, most)
+        results += flat_results(merged(drawn_region(marks)), marks, rules, most)
     else:
         layout = plate_layout(plate)
         index = layout.find_layer(layer_info(CLEAR))
@@ -350,9 +283,6 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
     Every rule that was broken is a category, described with its limit; rules on several limits of one name are told
     apart by a number. Each placed violation is a box on the top cell in micrometres, each name a text. The first item
     of every owner carries the number of violations and the worst value, for only the first are placed.
-
-    Args:
-        results: what :func:`maskfab.mask.plate_rules.check_plate` or ``check_layout`` returned.
     """
     database = rdb.ReportDatabase("design rules")
     database.description = f"Design rules of {top_cell}"

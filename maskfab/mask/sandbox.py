@@ -46,7 +46,7 @@ from maskfab.base.files import no_file
 from maskfab.base.machine import STARTED_BY, end_with
 from maskfab.base.plain_data import from_data, to_data
 from maskfab.base.work import Progress, silent
-from maskfab.mask.limits import (
+from maskfab.mask.process_limits import (
     BYTES_PER_SECOND,
     SECONDS,
     allow,
@@ -84,9 +84,6 @@ def error_message(error: Exception) -> bytes:
 
 def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str, int, int], None]) -> tuple[Any, ...]:
     """The answer, alone in a tuple; nothing yet for progress, which is passed on.
-
-    Args:
-        message: of a process that nobody trusts.
 
     Raises:
         MaskfabError: that of the process; InternalError MF901 for a fault of another kind.
@@ -281,13 +278,7 @@ def _too_much(path: Path, what: str) -> SourceError:
 
 
 def _work(
-    parent: int,
-    path: Path,
-    there: Connection,
-    work: Callable[[Progress], Any],
-    kind: Any,
-    seconds: int,
-    memory: int,
+    parent: int, path: Path, there: Connection, work: Callable[[Progress], Any], kind: Any, seconds: int, memory: int
 ) -> None:
     """The life of the copy."""
     end_with(parent)
@@ -319,9 +310,8 @@ def read_apart(path: Path, script: Path, *arguments: str, kind: Any, seconds: fl
 
     Args:
         path: the file, the last argument of the script.
-        script: a Python file, which limits what it takes by :func:`maskfab.mask.limits.limit_share`; a
+        script: a Python file, which limits what it takes by :func:`maskfab.mask.process_limits.limit_share`; a
             warning in it is a failure.
-        arguments: of the script, before the path.
 
     Raises:
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.

@@ -45,7 +45,6 @@ def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
     """Clear shapes as data, merged with kissing corners apart.
 
     Args:
-        clear: everything that should come out clear on the plate, in plate nanometres.
         plate: whose marks tell what is left as drawn.
         bias_nm: by which the writer makes clear widths wider; even, negative narrows.
     """
@@ -142,7 +141,6 @@ class WrittenCorner:
     Attributes:
         outline_um: float64 [n, 4] edges between clear and dark.
         border_um: float64 [m, 4] edges of what is clear along the right, upper, left and lower side of the tile.
-        area_um2: what is clear.
         shares: float64 [k, k] clear share of each of k x k parts of the tile, lowest row first.
         region: the clear part of the tile, in units of 1 / :data:`UNITS_PER_UM`.
     """
@@ -172,21 +170,15 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
     radius, bias = process.corner_radius_um, process.cd_bias_um
     reach, dot = radius + abs(bias) / 2, panel.dot_nm / NM_PER_UM
     if 2 * reach > dot * (1 + 1e-12) or -bias >= dot:
-        raise JobError(
-            "MF127",
+        what = (
             f"corners of radius {radius:g} um and edges moved by {bias / 2:g} um need dots of {2 * reach:g} um, "
-            f"these are {dot:g} um",
-            where=where,
-            cure=f"Use larger dots, or {_bearable(process, panel)}",
+            f"these are {dot:g} um"
         )
+        raise JobError("MF127", what, where=where, cure=f"Use larger dots, or {_bearable(process, panel)}")
     gutter = panel.gutter_nm / NM_PER_UM
     if 0 < gutter <= bias:
-        raise JobError(
-            "MF127",
-            f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells",
-            where=where,
-            cure=f"Use a gutter of more than {bias:g} um, or a smaller bias",
-        )
+        what = f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells"
+        raise JobError("MF127", what, where=where, cure=f"Use a gutter of more than {bias:g} um, or a smaller bias")
     rough, narrowest = process.roughness, min(dot, gutter or dot)
     if rough is not None and (rough.sigma_um > narrowest * _ROUGHEST or rough.correlation_um > dot * _LONGEST):
         raise JobError(
@@ -215,7 +207,6 @@ def written_region(
     """Drawn polygons as a writer exposes them.
 
     Args:
-        drawn: what is clear; polygons may overlap or touch.
         reading: what becomes of corners that only touch.
         units_per_um: units of the region's coordinates in a micrometre.
         arc_sides: sides of a whole circle.

@@ -29,6 +29,7 @@ from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
 from maskfab.mask.comparison.files import ReadBack, read_back
+from maskfab.mask.design_rules import RuleResult
 from maskfab.mask.formats.exr import PsfFile, psf_files
 from maskfab.mask.formats.picture import check_pixels
 from maskfab.mask.formats.plate_bitmap import check_dots, check_plate_bitmap
@@ -43,7 +44,6 @@ from maskfab.mask.judge.displays import Answer
 from maskfab.mask.judge.verdict import asked
 from maskfab.mask.layout import plate_names
 from maskfab.mask.plate_rules import check_plate, limits_as_rules, write_markers
-from maskfab.mask.rule import RuleResult
 from maskfab.mask.writer import check_bias, check_process
 from maskfab.report.documents.die import DOCUMENT as MEASURED
 from maskfab.report.documents.die import Beside

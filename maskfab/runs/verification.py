@@ -45,6 +45,7 @@ from maskfab.findings.foreign import Foreign, How, check_foreign, only_die
 from maskfab.findings.optics import layout_as_seen, plate_as_seen
 from maskfab.mask.comparison.alignment import Alignment, LayersRead, StatedLayers
 from maskfab.mask.comparison.files import read_back
+from maskfab.mask.composition import compose
 from maskfab.mask.formats.exr import check_psf_file
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
@@ -53,7 +54,6 @@ from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job, load_job
 from maskfab.mask.judge.verdict import asked, judged
 from maskfab.mask.layout import clear_shapes, plate_layout
-from maskfab.mask.plate import compose
 from maskfab.mask.raster import light_box, sees_light
 from maskfab.mask.sandbox import bounded
 from maskfab.optics.metrics import fast_lens

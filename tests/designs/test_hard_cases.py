@@ -32,7 +32,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, bars, discs, orbits
 from maskfab.designs.search.annealing import ExpectedPsnr, State, anneal, scan
 from maskfab.job.camera import Camera, Stop
-from maskfab.mask.opening import diamond_discs
+from maskfab.mask.opening_masks import diamond_discs
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 CELLS = np.random.default_rng(3).integers(8, size=(8, 8)).astype(np.int8)

@@ -22,10 +22,10 @@ from maskfab.display.drive import BOXES_ALONE, BY_BOXES, CircuitRules, LightDema
 from maskfab.display.emitter_rules import EmitterRules, Proof, Verdict
 from maskfab.display.feasibility import DisplayRules, Feasibility, display_rules, displays
 from maskfab.display.polygon_check import circuit_violations, whole_panel
+from maskfab.mask.composition import mirrored_panel
 from maskfab.mask.houses.adaptation import fitted
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
-from maskfab.mask.plate import mirrored_panel
 from maskfab.report.documents.display import check_schema
 from maskfab.report.figures.display import pictures
 

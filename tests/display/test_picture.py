@@ -11,7 +11,7 @@ from PIL import Image
 
 from maskfab.base.errors import JobError, OpeningError, SourceError
 from maskfab.display.pictures import LARGEST, Picture, on_pixels, read_picture
-from maskfab.mask.opening import from_image
+from maskfab.mask.opening_masks import from_image
 
 
 def save(path, pixels, kind, **attributes):

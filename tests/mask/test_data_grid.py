@@ -12,13 +12,13 @@ from sweeps import sweep
 
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.model import CLEAR
+from maskfab.mask.composition import snapped
 from maskfab.mask.figures import PolygonOptions, draw
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.houses.adaptation import fitted, kept_grid_nm
 from maskfab.mask.houses.profiles import load_shop
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import layer_info
-from maskfab.mask.plate import snapped
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

@@ -12,11 +12,11 @@ from klayout import db
 from sweeps import examples, sweep
 
 from maskfab.base.model import CLEAR, Die, Opening, Panel, Plate, Tiling
+from maskfab.mask.design_rules import DesignRules
 from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster, smallest_runs
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.panel_rules import narrowest
 from maskfab.mask.plate_rules import check_plate
-from maskfab.mask.rule import DesignRules
 
 EVERY = 10**6
 

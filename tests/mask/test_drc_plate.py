@@ -1,4 +1,4 @@
-"""Rules on polygons as drawn, on names and on plates; layouts from elsewhere."""
+"""Rules on polygons as drawn, on names and on plates; flat layouts."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.base.errors import JobError, SourceError
+from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Die, Mark
-from maskfab.mask.layout import plate_layout
-from maskfab.mask.plate_rules import check_layout, check_plate
-from maskfab.mask.rule import DesignRules
+from maskfab.mask.design_rules import DesignRules, flat_results, merged
+from maskfab.mask.layout import plate_layout, region
+from maskfab.mask.plate_rules import check_plate, drawn_polygons
 
 EVERY = 10**6
 RULES = DesignRules(
@@ -43,6 +43,12 @@ def layout_of(*polygons, name="TOP"):
     return layout
 
 
+def flat(layout, rules, most=16):
+    """Every rule on geometry, of a layout that is flattened."""
+    index = layout.find_layer(CLEAR.number, CLEAR.datatype)
+    return flat_results(merged(region(layout, CLEAR)), drawn_polygons(layout, [index]), rules, most)
+
+
 def box(x0, y0, x1, y1):
     return (x0, y0), (x0, y1), (x1, y1), (x1, y0)
 
@@ -52,13 +58,9 @@ def by_rule(results):
 
 
 def test_a_plate_breaks_the_rules_that_its_layout_breaks(small_plate):
-    plate, layout = check_plate(small_plate, RULES), by_rule(check_layout(plate_layout(small_plate), RULES))
+    plate, layout = check_plate(small_plate, RULES), by_rule(flat(plate_layout(small_plate), RULES))
     for rule, whole in layout.items():
         parts = [result for result in plate if result.rule == rule and result.limit == whole.limit]
-        if rule == "extent":  # whose shapes are dies and marks, or one
-            assert not parts[0].passed
-            assert not whole.passed
-            continue
         assert sum(part.count for part in parts) == whole.count, rule
         values = [part.value for part in parts if part.value is not None]
         assert whole.value in values or (whole.value is None and not values), rule
@@ -90,7 +92,7 @@ def test_a_mark_that_comes_too_close_is_checked_together_with_the_die(small_plat
     space = by_rule(check_plate(plate, rules))["space"]
     assert space.die is None
     assert space.value in {0, 1000}
-    assert space.count == by_rule(check_layout(plate_layout(plate), rules))["space"].count
+    assert space.count == by_rule(flat(plate_layout(plate), rules))["space"].count
     alone = by_rule(check_plate(replace(plate, marks=()), rules)[:1])["space"]
     assert space.count > alone.count
 
@@ -101,15 +103,13 @@ def test_every_cell_is_looked_at_where_it_lies_on_the_grid(small_plate):
     for centre in ((1, 1), (5, 4)):
         moved = Die(die.name, die.label, die.panel, centre, die.slot_nm)
         plate = replace(small_plate, dies=(moved,), marks=())
-        grid, flat = check_plate(plate, rules, most=EVERY)[0], check_layout(plate_layout(plate), rules, most=EVERY)[0]
-        assert (grid.count, grid.value, grid.places) == (flat.count, flat.value, flat.places)
+        grid, whole = check_plate(plate, rules, most=EVERY)[0], flat(plate_layout(plate), rules, most=EVERY)[0]
+        assert (grid.count, grid.value, grid.places) == (whole.count, whole.value, whole.places)
 
 
 def test_what_is_drawn_slanted_acute_or_twice():
     triangle = ((0, 0), (0, 10_000), (30_000, 0))
-    found = by_rule(
-        check_layout(layout_of(triangle, box(50_000, 0, 60_000, 10_000), box(55_000, 0, 70_000, 4000)), RULES)
-    )
+    found = by_rule(flat(layout_of(triangle, box(50_000, 0, 60_000, 10_000), box(55_000, 0, 70_000, 4000)), RULES))
     assert (found["manhattan"].count, found["manhattan"].places) == (1, ((0, 0, 30_000, 10_000),))
     assert found["manhattan"].value == pytest.approx(np.degrees(np.arctan(1 / 3)))
     assert found["acute_angle"].count == 2
@@ -121,7 +121,7 @@ def test_what_is_drawn_slanted_acute_or_twice():
 def test_widths_spaces_and_islands_by_hand():
     frame = [box(0, 0, 60_000, 20_000), box(0, 20_000, 20_000, 26_000), box(26_000, 20_000, 60_000, 26_000)]
     bars = [box(0, 26_000, 60_000, 46_000), box(100_000, 0, 103_000, 50_000), box(107_000, 0, 127_000, 50_000)]
-    found = by_rule(check_layout(layout_of(*frame, *bars), RULES))
+    found = by_rule(flat(layout_of(*frame, *bars), RULES))
     assert (found["width"].value, found["width"].count) == (3000, 1)
     assert found["width"].places == ((100_000, 0, 103_000, 50_000),)
     assert (found["space"].value, found["space"].places) == (4000, ((103_000, 0, 107_000, 50_000),))
@@ -143,20 +143,23 @@ def test_names(small_plate):
     assert "CD_2UM" in found["name_pattern"].names
     assert found["name_length"].value == max(len(name) for name in found["name_length"].names)
     assert (found["references"].value, found["references"].count) == (47, 1)
+    assert found["extent"].count > 0
+    (alone,) = check_plate(small_plate, DesignRules(extent_nm=(10**7, 10**7)))
+    assert alone.passed
 
 
 def test_the_limits_themselves_are_kept():
     exact = box(-5000, -5000, 5000, 5000)
-    rules = DesignRules(min_width_nm=10_000, min_area_nm2=10**8, extent_nm=(10_000, 10_000), max_vertices=4)
-    assert all(result.passed for result in check_layout(layout_of(exact), rules))
-    tight = DesignRules(min_width_nm=10_001, min_area_nm2=10**8 + 1, extent_nm=(9998, 10_000), max_vertices=3)
-    assert [result.count for result in check_layout(layout_of(exact), tight)] == [1 + 1, 1, 0, 1, 1]
+    rules = DesignRules(min_width_nm=10_000, min_area_nm2=10**8, max_vertices=4)
+    assert all(result.passed for result in flat(layout_of(exact), rules))
+    tight = DesignRules(min_width_nm=10_001, min_area_nm2=10**8 + 1, max_vertices=3)
+    assert [result.count for result in flat(layout_of(exact), tight)] == [1 + 1, 1, 0, 1]
 
 
 def test_no_rule_no_result(small_plate):
     assert check_plate(small_plate, DesignRules()) == ()
-    assert check_layout(layout_of(), DesignRules()) == ()
-    assert all(result.passed for result in check_layout(layout_of(), RULES))
+    assert flat(layout_of(), DesignRules()) == ()
+    assert all(result.passed for result in flat(layout_of(), RULES))
 
 
 @pytest.mark.parametrize(
@@ -165,12 +168,3 @@ def test_no_rule_no_result(small_plate):
 def test_rules_that_cannot_be_checked_are_refused(wrong):
     with pytest.raises(JobError, match="MF417"):
         DesignRules(**wrong)
-
-
-def test_layouts_that_cannot_be_checked_are_refused(small_plate):
-    with pytest.raises(SourceError, match=r"MF418.* at most 100"):
-        check_layout(plate_layout(small_plate), RULES, most_shapes=100)
-    two = layout_of()
-    two.create_cell("OTHER")
-    with pytest.raises(SourceError, match="MF305"):
-        check_layout(two, RULES)

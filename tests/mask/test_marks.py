@@ -10,6 +10,7 @@ from klayout import db
 
 from maskfab.base.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
 from maskfab.mask.comparison.roundtrip import clear_length_nm
+from maskfab.mask.composition import die_map, outlines, title_block
 from maskfab.mask.layout import plate_layout, simple_polygon
 from maskfab.mask.marks import (
     DrawnMarks,
@@ -28,7 +29,6 @@ from maskfab.mask.marks import (
     parity_mark,
     siemens_star,
 )
-from maskfab.mask.plate import die_map, outlines, title_block
 
 AT = (-3_000_001, 7_000_003)
 FEATURES = (2_000, 4_033, 50_000)

@@ -15,12 +15,12 @@ from trips import roundtrip
 from maskfab.base import resources
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Plate
+from maskfab.mask.composition import check_clearances, templated
 from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.marks import Setting, bounding_box, load_template, modules, template_names
-from maskfab.mask.plate import check_clearances, templated
 from maskfab.mask.raster import coverage
 
 SIDES = 'blank = "27 mm"\nwritable = "22 mm"\n'

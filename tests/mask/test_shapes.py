@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.base.errors import InputError, OpeningError
-from maskfab.mask.opening import blobs, diamond_discs, stripe
+from maskfab.mask.opening_masks import blobs, diamond_discs, stripe
 
 Shape = Callable[[int, int], np.ndarray]
 

@@ -20,10 +20,10 @@ from maskfab.base.errors import OutputError
 from maskfab.base.folders import finished as known
 from maskfab.base.model import CLEAR
 from maskfab.base.provenance import sha256_of_file
+from maskfab.mask.design_rules import RuleResult
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import region
 from maskfab.mask.plate_rules import write_markers
-from maskfab.mask.rule import RuleResult
 from maskfab.report.pages.viewer import drawn_cells, inert_json, packed, psf_pictures, rule_places, shown_run
 
 HOSTILE = 'A</script><script>alert("x")</script><!-- é'

@@ -22,7 +22,7 @@ from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import LEVELS_OF_BYTES, OF_BYTES, PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
 from maskfab.mask.formats.tiff import said_by, shown_alike
-from maskfab.mask.limits import limit_share
+from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message
 
 MOST_PIXELS = 120_000_000

@@ -82,7 +82,7 @@ from maskfab.designs.descent.objective import (
     tiled_stop,
 )
 from maskfab.job.camera import Camera, Stop
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 from maskfab.optics.tiling import orientations
 
 EVEN = 1e-6  # spread of the start's transmissions below which it counts as even

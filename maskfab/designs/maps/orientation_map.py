@@ -38,7 +38,7 @@ from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.lens import CellGrid
 from maskfab.designs.model.panel_judgement import PanelError, Slope
 from maskfab.designs.rules.families import turned_key
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 from maskfab.mask.panels import Shift, shifted
 from maskfab.optics.tiling import MOST_OPENINGS
 

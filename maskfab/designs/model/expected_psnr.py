@@ -71,7 +71,7 @@ from maskfab.designs.model.statistics import (
     scene_statistics,
 )
 from maskfab.job.camera import REFERENCE_TRANSMISSION
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 from maskfab.optics.colour import code_of_light
 from maskfab.optics.restoration import squared_modulus
 from maskfab.optics.stop import Waves

@@ -38,7 +38,7 @@ from maskfab.base.errors import OpeningError
 from maskfab.camera.lens import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
 from maskfab.designs.model.duals import residue_classes, residue_errors, residues
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior, unit_modulation
-from maskfab.mask.opening import require_clear_dots
+from maskfab.mask.opening_masks import require_clear_dots
 
 
 @dataclass(frozen=True, eq=False)

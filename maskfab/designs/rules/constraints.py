@@ -26,7 +26,7 @@ from maskfab.designs.rules.eye import EYE_RULES
 from maskfab.designs.rules.families import orbits, sums
 from maskfab.designs.rules.rule import DOT_RULES, Conflict, Rule, out_of_range
 from maskfab.display.emitter_rules import EmitterRules
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 
 RULES: tuple[Rule, ...] = (*DOT_RULES, *DISPLAY_RULES, *EYE_RULES)
 """Every rule but the count, in the order in which they are judged: cheap ones first, the display last."""

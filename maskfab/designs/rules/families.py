@@ -18,7 +18,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, frozen, orient
 from maskfab.job.values import Symmetry
-from maskfab.mask.opening import require_clear_dots
+from maskfab.mask.opening_masks import require_clear_dots
 
 ELEMENTS: dict[Symmetry | None, tuple[int, ...]] = {
     None: (0,),

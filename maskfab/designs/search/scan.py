@@ -48,7 +48,7 @@ from maskfab.designs.search.held import Start, best_held, finer, thinned
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, camera_facts
 from maskfab.job.sections import SearchSection
 from maskfab.job.values import Symmetry
-from maskfab.mask.opening import closed
+from maskfab.mask.opening_masks import closed
 
 PRICED = 200
 """Best openings of a scan among which rules are priced."""

@@ -63,12 +63,10 @@ class Alignment:
     Attributes:
         turn: klayout's number of the symmetry that is applied to the file: quarter turns, plus 4 if mirrored at the
             x axis before.
-        scale: what the file's coordinates are multiplied by.
         shift_nm: added afterwards.
         inverted: whether what the file draws is chrome; its tone is inverted within the file's own outline.
         differing: share of the clear area in the windows that then still differs.
         unit_scale: what the file's unit was multiplied by when it was read again in the one that it was drawn in.
-        unit: name of that unit; empty if the file was read once.
     """
 
     turn: int
@@ -120,8 +118,6 @@ def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
     """The alignment of a file; the simplest of the trials that differ least.
 
     Args:
-        plate: the design, or one die of it.
-        design: its layout.
         read: the file, one top cell; only the layer CLEAR of both counts.
     """
     windows = [window for window in _windows(plate, design) if not window.clear.is_empty()]
@@ -237,12 +233,7 @@ def _shifts(plate: Plate, whole: db.Box, turned: db.Box, inverted: bool) -> list
 
 
 def _differing(
-    read: db.Layout,
-    file_box: db.Box,
-    windows: list[_Window],
-    trans: db.ICplxTrans,
-    inverted: bool,
-    enough: float = 2.0,
+    read: db.Layout, file_box: db.Box, windows: list[_Window], trans: db.ICplxTrans, inverted: bool, enough: float = 2.0
 ) -> float:
     """Share of the clear area in all windows that differs; given up as soon as it is more than ``enough``."""
     index = read.find_layer(layer_info(CLEAR))
@@ -287,7 +278,6 @@ def in_drawn_unit(
     """The file in the unit that it was drawn in, and how it then lies; as they are if that is the one it was read in.
 
     Args:
-        read: the file, one top cell with the layer CLEAR.
         again: reads the file with a stated unit in um.
     """
     unit_um = drawn_unit_um(read)
@@ -384,7 +374,6 @@ def clear_only(
 
     Args:
         layout: what was read; it is changed.
-        layer, cell: what is clear and where; the usual if None.
         ignored: layers that are not written, by number or name.
 
     Raises:

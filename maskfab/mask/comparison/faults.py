@@ -22,6 +22,7 @@ from maskfab.base.model import CLEAR, Plate, Quantity
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.job.sections import LimitsSection
 from maskfab.mask.comparison.roundtrip import sift
+from maskfab.mask.design_rules import DesignRules, distance_checks, facing_edges, flat_results, merged
 from maskfab.mask.formats.table import FORMATS
 from maskfab.mask.layout import (
     NAME_LENGTH,
@@ -34,7 +35,6 @@ from maskfab.mask.layout import (
     weight,
 )
 from maskfab.mask.plate_rules import check_plate, checked_extent, checked_names, smallest_features
-from maskfab.mask.rule import DesignRules, distance_checks, facing_edges, flat_results, merged
 
 GDSII_VERTICES = 8190
 """Most vertices of a GDSII polygon that every reader takes: a record has room for 8191, the first said twice."""
@@ -68,8 +68,6 @@ class Known:
     """Facts known of a file that is aligned with a design.
 
     Attributes:
-        design: its layout, in which nothing overlaps.
-        differing: what only one of them makes clear, merged.
         tolerance_nm: what overlaps by no more than this is no fault.
     """
 
@@ -91,15 +89,11 @@ class Known:
 
 
 def drawn_figures(
-    layout: db.Layout,
-    path: Path,
-    max_vertices: int | None,
-    known: Known | None = None,
+    layout: db.Layout, path: Path, max_vertices: int | None, known: Known | None = None
 ) -> Iterator[Quantity]:
     """Duplicate shapes, and outlines of too many vertices, in the layout's own coordinates.
 
     Args:
-        layout: one top cell.
         max_vertices: what the job draws at most; None where it does not say.
         known: the design that it lies upon, and how little it differs; None where there is none.
     """
@@ -141,7 +135,6 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     """Distance by which the drawing extends beyond the blank.
 
     Args:
-        box: of all that the file draws, lying as the design does.
         size: nanometres of the plate that one of the file becomes.
     """
     side = round(plate.blank_nm * size)
@@ -267,7 +260,6 @@ class Broken:
     """Where one rule is broken.
 
     Attributes:
-        worst: the smallest value; None where it is kept.
         boxes_nm: int64 [n, 4], all of them, or the first.
     """
 
@@ -314,7 +306,6 @@ def rules_of_like(
     """The rows of a file that is the design, or nearly.
 
     Args:
-        laid: the file, lying as the design does.
         differing: what only one of them makes clear, where rules are looked at.
     """
     rules = wanted.rules
@@ -416,10 +407,7 @@ def _round(differing: db.Region, reach_nm: int) -> db.Region:
 
 
 def _cropped(
-    places: db.Region,
-    layouts: tuple[db.Layout, ...],
-    most: int,
-    count: Callable[[db.Layout, db.Region, int], int],
+    places: db.Region, layouts: tuple[db.Layout, ...], most: int, count: Callable[[db.Layout, db.Region, int], int]
 ) -> tuple[db.Region, str]:
     """The places, or as large a part of them as holds few enough shapes; and what that leaves out, in words."""
     box, whole = places.bbox(), True

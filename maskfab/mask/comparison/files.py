@@ -87,15 +87,8 @@ def read_back(
     The first layout is compared dot by dot too.
 
     Args:
-        made: what was drawn.
-        folder: where the files lie.
-        progress: told where the work stands.
         refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
             layouts are read and compared within the limits of :mod:`maskfab.mask.sandbox`.
-        costs: told what the files of each format take.
-
-    Raises:
-        SourceError: for a file that cannot be read, unless ``refused`` takes it.
     """
     trips, quantities = dict[int, RoundTrip](), dict[int, tuple[Quantity, ...]]()
     errors: dict[int, tuple[str, InputError]] = {}
@@ -232,11 +225,7 @@ def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
 
 
 def read_mask(path: Path) -> db.Layout:
-    """A mask file, by a library that did not write it; it has one top cell.
-
-    Raises:
-        SourceError: as :func:`maskfab.mask.formats.table.read_layout` and :func:`maskfab.mask.formats.svg.read_svg`.
-    """
+    """A mask file, by a library that did not write it; it has one top cell."""
     form = layout_format(path)
     if form is not None and form.read is not None and not form.suffixes:
         return form.read(path)  # only files of ours are read

@@ -29,6 +29,7 @@ from maskfab.mask.dots import corner_touches, die_edges_nm, die_raster
 from maskfab.mask.figures import CUT, DRAWN_LAYERS
 from maskfab.mask.formats.content import rounding_nm
 from maskfab.mask.layout import layer_info, region
+from maskfab.mask.marks import bounding_box
 from maskfab.mask.raster import coverage, placed_boxes
 from maskfab.mask.writer import biased_data, written_of
 
@@ -48,8 +49,6 @@ class Sifted:
     """Differing area by its width.
 
     Attributes:
-        faults: what is wider than the tolerance.
-        slivers: what is not.
         widest_nm: no sliver is wider; 0 if there is none. Of polygons of up to a millimetre this and the tolerance are
             kept to 4 pm, of larger ones to the same share of their size.
     """
@@ -60,12 +59,7 @@ class Sifted:
 
 
 def sift(differing: db.Region, tolerance_nm: float) -> Sifted:
-    """Tell slivers from faults, polygon by polygon.
-
-    Args:
-        differing: merged, in nanometres.
-        tolerance_nm: width up to which a polygon is a sliver; 0 if none is.
-    """
+    """Tell slivers from faults, polygon by polygon."""
     if tolerance_nm <= 0 or differing.count() > MOST_SIFTED:
         return Sifted(differing, db.Region())
     faults, slivers = db.Region(), db.Region()
@@ -141,7 +135,6 @@ class Difference:
 
     Attributes:
         owner: the die or mark that it belongs to or lies nearest to.
-        area_um2: area that only one of the two covers.
         first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
     """
 
@@ -192,10 +185,8 @@ class RoundTrip:
     Attributes:
         layout: its content; the file's only top cell is the plate.
         polygons: polygons on written layers, all references counted.
-        drawn_polygons: the same for the design.
         rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
         differences: one for each die or mark and layer that differs; empty if all is well.
-        cds: in the order of the plate's gauges.
         differing: all that only one of file and plate makes clear, merged.
         slivers: of that, what is no wider than the tolerance and so no difference.
         data: rows of biased data before they are sized back; all else is of them sized back.
@@ -228,57 +219,31 @@ class RoundTrip:
         name = self.path.name
         yield from (row for row in self.data if row.die is None)
         where = "; ".join(map(str, self.differences))
-        yield Quantity(
-            "readback_xor_area",
-            self.xor_area_um2,
-            f"{name}, read independently, XOR with the design" + (f": {where}" if where else ""),
-            limit=0.0,
-            passed=self.xor_area_um2 == 0,
-        )
-        yield Quantity(
-            "polygons",
-            self.polygons,
-            f"counted in {name}, every reference followed",
-            limit=self.drawn_polygons,
-            passed=self.polygons == self.drawn_polygons,
-        )
+        against = f"{name}, read independently, XOR with the design" + (f": {where}" if where else "")
+        yield _asked("readback_xor_area", self.xor_area_um2, 0.0, against)
+        yield _asked("polygons", self.polygons, self.drawn_polygons, f"counted in {name}, every reference followed")
         for cd in self.cds:
-            yield Quantity(
-                f"cd_{cd.gauge.name.removeprefix('cd_')}",
-                cd.read_nm,
-                f"clear length along the {cd.gauge.axis} gauge in {name}; drawn {cd.drawn_nm} nm, "
-                f"difference {cd.delta_nm:+d} nm",
-                limit=cd.gauge.target_nm,
-                passed=cd.read_nm == cd.gauge.target_nm,
-            )
+            method = f"clear length along the {cd.gauge.axis} gauge in {name}; drawn {cd.drawn_nm} nm, "
+            method += f"difference {cd.delta_nm:+d} nm"
+            yield _asked(f"cd_{cd.gauge.name.removeprefix('cd_')}", cd.read_nm, cd.gauge.target_nm, method)
 
     def _of_dies(self) -> Iterator[Quantity]:
         yield from (row for row in self.data if row.die is not None)
+        name = self.path.name
         for die in self.dies:
-            yield Quantity(
-                "readback_xor_area",
-                die.xor_area_um2,
-                f"{self.path.name}, read independently, XOR with the design within the die",
-                limit=0.0,
-                passed=die.xor_area_um2 == 0,
-                die=die.name,
-            )
+            method = f"{name}, read independently, XOR with the design within the die"
+            yield _asked("readback_xor_area", die.xor_area_um2, 0.0, method, die.name)
             if die.wrong_dots is not None:
-                yield Quantity(
-                    "readback_wrong_dots",
-                    die.wrong_dots,
-                    f"clear share of every dot in {self.path.name} against the opening and its orientations",
-                    limit=0,
-                    passed=die.wrong_dots == 0,
-                    die=die.name,
-                )
+                method = f"clear share of every dot in {name} against the opening and its orientations"
+                yield _asked("readback_wrong_dots", die.wrong_dots, 0, method, die.name)
             if die.corner_touches is not None:
-                yield Quantity(
-                    "corner_touches",
-                    die.corner_touches,
-                    f"vertices of {self.path.name} at which two clear dots meet by a corner only",
-                    die=die.name,
-                )
+                method = f"vertices of {name} at which two clear dots meet by a corner only"
+                yield Quantity("corner_touches", die.corner_touches, method, die=die.name)
+
+
+def _asked(name: str, value: float, asked: float, method: str, die: str | None = None) -> Quantity:
+    """A row that passes with exactly what was asked for."""
+    return Quantity(name, value, method, limit=asked, passed=value == asked, die=die)
 
 
 def compare_layout(
@@ -304,7 +269,6 @@ def compare_layout(
         dots: also compare every dot of every die, about a second for 10 000 cells.
         drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
         layer_names: names in a DXF by names of the model; layers that it left out are not compared.
-        tolerance_nm: width of slivers.
         dots_prove: whether no polygons are compared within a die whose every dot is clear or dark throughout as its
             opening says, for which one that differs by a square nanometre is not: a file without cells has millions of
             edges there.
@@ -467,7 +431,7 @@ def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Differe
     boxes: dict[str, list[Box]] = {die.name: [die.box_nm] for die in plate.dies}
     for mark in plate.marks:
         if mark.layer == layer and mark.polygons:
-            boxes[mark.name] = [_bounds(polygon) for polygon in mark.polygons]
+            boxes[mark.name] = [bounding_box([polygon]) for polygon in mark.polygons]
     owners = [name for name, parts in boxes.items() for _ in parts]
     table = np.array([box for parts in boxes.values() for box in parts], dtype=np.int64).reshape(-1, 4)
     areas: dict[str, int] = {}
@@ -482,11 +446,6 @@ def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Differe
         firsts[owner] = min(firsts.get(owner, corner), corner, key=lambda point: (point[1], point[0]))
     for owner, area in areas.items():
         yield Difference(owner, layer, area / _NM2_PER_UM2, firsts[owner])
-
-
-def _bounds(polygon: tuple[Point, ...]) -> Box:
-    xs, ys = zip(*polygon, strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
 
 
 def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> tuple[bool, int, int]:
@@ -612,22 +571,17 @@ def _rows(plate: Plate, raw: RoundTrip, data: db.Region, bias_nm: int, *, dots: 
         f"of clear widths in the data of {name}, whose writer changes them by {bias:+g} um. What was read is sized "
         "back: all other numbers are of the plate as it comes out",
     )
-    yield Quantity(
-        "data_xor_area",
-        raw.xor_area_um2,
-        f"{name}, read independently, XOR with the design sized by {-bias:+g} um per width",
-        limit=0.0,
-        passed=raw.xor_area_um2 == 0,
-    )
+    method = f"{name}, read independently, XOR with the design sized by {-bias:+g} um per width"
+    yield _asked("data_xor_area", raw.xor_area_um2, 0.0, method)
     widths = [cd.read_nm - (cd.gauge.target_nm - bias_nm) for cd in raw.cds]
     if widths:
         worst = max(widths, key=abs)
         words = f"largest of all CD structures in {name}, against their targets less the bias"
-        yield Quantity("data_width_error", worst, words, limit=0, passed=worst == 0)
+        yield _asked("data_width_error", worst, 0, words)
     for die in plate.dies if dots else ():
         wrong = _wrong_parts(die, data, bias_nm)
         words = f"parts between the biased lines of the dots in {name}, clear otherwise than the opening says"
-        yield Quantity("data_wrong_parts", wrong, words, limit=0, passed=wrong == 0, die=die.name)
+        yield _asked("data_wrong_parts", wrong, 0, words, die.name)
 
 
 def _wrong_parts(die: Die, data: db.Region, bias_nm: int) -> int:

@@ -159,7 +159,6 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
     """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
-        data: its content, a text DXF.
         nm_per_unit: length of one unit of the drawing.
 
     Returns:
@@ -196,7 +195,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, in
         return not clear_drawn or layer in _COUNTING
 
     _refuse_blocks(path, grid)
-    _refuse_unseen(path, unseen.told(counts, grid.drawing(counts)))
+    _refuse_unseen(path, unseen.hidden_shapes(counts, grid.drawing(counts)))
     _refuse_faults(path, {key: count for key, count in faults.items() if counts(key[2])})
     return grid.rounding_nm(counts), grid.repeated_vertices(counts)
 
@@ -293,8 +292,8 @@ class Unseen:
         placed = entity.text(2) if entity.kind == "INSERT" else ""
         self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
 
-    def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
-        """Hidden shapes with the reason, in words."""
+    def hidden_shapes(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
+        """With the reason, in words."""
         unseen: Counter[str] = Counter()
         for (kind, layer, placed, why), count in self._drawn.items():
             hidden = self._layers.get(layer.upper(), "")
@@ -492,7 +491,6 @@ class Entity:
     Args:
         kind: its name, such as ``LWPOLYLINE``.
         block: name of the block that it is drawn in; None in the drawing itself.
-        body: its bytes after its name.
 
     Attributes:
         layer: its layer; ``0``, in a block that of the reference, if it does not say.

@@ -73,8 +73,6 @@ def write_dxf(
     Args:
         version: R12 carries no unit, so a comment and a note name it; R2010 also says it in $INSUNITS.
         comments: lines put at the top of the file (group code 999), before what the figures' account has to say.
-        style: names of layers, unit and frame.
-        limit_bytes: size beyond which a drawing without blocks is refused.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF414 if a layer's name is 0, longer than 31 characters, not
@@ -239,11 +237,7 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
 
 
 class _LightOutline(DXFGraphic):  # type: ignore[misc]
-    """The light-weight polyline of later versions, which writes itself at once too: ezdxf's own packs every vertex.
-
-    Args:
-        points: its vertices, in the drawing's unit.
-    """
+    """The light-weight polyline of later versions, which writes itself at once too: ezdxf's own packs every vertex."""
 
     DXFTYPE = "LWPOLYLINE"
 

@@ -99,11 +99,7 @@ def write_channels(
 
     Args:
         pixels: [y, x, channels], the top row first.
-        path: where to; nothing is left there if it fails.
         facts: go into the header, each under :data:`PREFIX` and its name; numbers as float32.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
@@ -128,9 +124,6 @@ def write_exr(light: Floats, path: Path, facts: Facts) -> None:
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest; linear, primaries of sRGB.
         facts: go into the header, each under ``maskfab:`` and its name.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     write_channels(_upright(light).astype(np.float16), ("R", "G", "B"), path, facts)
 
@@ -140,10 +133,6 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest.
-        white: positive.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
@@ -239,11 +228,7 @@ def write_psf(psf: Psf, path: Path, facts: Facts, software: str) -> None:
     """Write a PSF as one float32 channel, intensity per square micrometre of sensor; row 0 of the file is the top.
 
     Args:
-        path: the file; nothing is left under its name if it fails.
         facts: of the header; those of :func:`psf_facts` at least.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     # Of an array without the axis of channels OpenImageIO takes the first axis for x.
     write_channels(psf.values[::-1, :, None].astype(np.float32), ("Y",), path, facts, software)
@@ -276,9 +261,6 @@ def check_psf_file(made: PsfFile, folder: Path) -> tuple[Quantity, Quantity]:
         ``psf_file_wrong_samples``, samples that differ by more than a millionth of themselves, all of them if their
         number is another; and ``psf_file_wrong_facts``, entries of the header that are missing, differ or were not
         written. The limit of both is 0.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF303 if it cannot be read.
     """
     values, facts = read_psf_file(folder / made.name)
     expected = made.psf.values

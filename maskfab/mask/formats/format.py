@@ -125,8 +125,6 @@ class FileSettings:
     """Settings of the writers beyond the figures of a plate.
 
     Attributes:
-        stl_limit_bytes: larger STL files are refused.
-        dots_per_um: pixels per micrometre of PNG and TIFF.
         dpi: dots per inch of a plotter; None where no format needs them.
         drawing: how DXF is drawn; its names of layers are those of OASIS too.
     """

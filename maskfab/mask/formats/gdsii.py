@@ -57,19 +57,14 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     """Write a layout as GDSII, without time stamps, its cells in the order of their names.
 
     Args:
-        layout: from :func:`maskfab.mask.layout.plate_layout` or
-            :meth:`maskfab.mask.figures.Figures.layout`.
         max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
     options = db.SaveLayoutOptions()
     options.format = "GDS2"
     options.gds2_write_timestamps = False
     options.gds2_max_vertex_count = max_vertices
     options.gds2_multi_xy_records = False
-    _write(_by_name(_content(layout, path, options), layout.cells()), path)
+    write_pieces(_by_name(layout_bytes(layout, path, options), layout.cells()), path)
 
 
 def write_oasis(layout: db.Layout, path: Path) -> None:
@@ -78,10 +73,11 @@ def write_oasis(layout: db.Layout, path: Path) -> None:
     options.format = "OASIS"
     options.oasis_compression_level = 10
     options.oasis_write_cblocks = True
-    _write([_content(layout, path, options)], path)
+    write_pieces([layout_bytes(layout, path, options)], path)
 
 
-def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> bytes:
+def layout_bytes(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> bytes:
+    """A file as klayout writes it. Raises OutputError MF401."""
     try:
         return bytes(layout.write_bytes(options))
     except RuntimeError as error:
@@ -109,7 +105,8 @@ def _by_name(stream: bytes, cells: int) -> Sequence[bytes | memoryview]:
     return [whole[: starts[0]], *(whole[start:end] for _, start, end in named), whole[ends[-1] :]]
 
 
-def _write(content: Sequence[bytes | memoryview], path: Path) -> None:
+def write_pieces(content: Sequence[bytes | memoryview], path: Path) -> None:
+    """Write them as one file, which appears once it is whole."""
     with partial(path) as aside, aside.open("wb") as file:
         file.writelines(content)  # klayout itself would not say that a disk is full
 

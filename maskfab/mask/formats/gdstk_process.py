@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import SourceError
-from maskfab.mask.limits import limit_share
+from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message, damaged, error_message
 
 Repetition: TypeAlias = tuple[int, int, NDArray[np.float64]] | NDArray[np.float64] | None
@@ -64,11 +64,7 @@ def cell_arrays(cell: Mapping[str, Any]) -> CellArrays:
 
 
 def cell_content(arrays: CellArrays) -> dict[str, Any]:
-    """A cell that was handed over.
-
-    Raises:
-        ValueError: for arrays that do not belong together.
-    """
+    """A cell that was handed over."""
     name, (corners, sizes, layers, repetitions), labels, (names, which, placed, mirrored, repeated) = arrays
     alike = corners.shape == (sizes.sum(), 2) and layers.shape == (len(sizes), 2) and (sizes >= 0).all()
     placed_alike = placed.shape == (len(which), 4) and mirrored.shape == which.shape
@@ -116,11 +112,7 @@ _SHORTEST_RECORD = 4
 
 
 def content(function: str, path: str) -> list[dict[str, Any]]:
-    """All cells of a file as plain data.
-
-    Raises:
-        SourceError: MF303 something stands behind the end of a GDSII file.
-    """
+    """All cells of a file as plain data. Raises SourceError MF303 something stands behind the end of a GDSII file."""
     if function == "read_oas":
         _try_klayout(path)
     else:

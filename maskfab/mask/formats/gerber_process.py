@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import SourceError
-from maskfab.mask.limits import limit_share
+from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message, damaged, error_message
 
 Run = tuple[bool, NDArray[np.float64], NDArray[np.int64]]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import struct
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -23,7 +23,8 @@ from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.base.model import Die, Quantity
 from maskfab.base.units import MM_PER_NM, NM_PER_MM, UM_PER_NM
-from maskfab.mask.formats.format import Drawn, Films, Format, Stack
+from maskfab.job.values import FileFormat
+from maskfab.mask.formats.format import Drawn, Films, Format, Source, Stack
 from maskfab.mask.formats.solid import Mesh, box_mesh, check_mesh_size, film, glass
 from maskfab.mask.formats.solid_check import check_file, check_reach, damaged, mesh_rows
 from maskfab.mask.formats.step_process import ReadShape, ReadSolid
@@ -84,11 +85,7 @@ _RUNS = (
 
 
 def write_glb(
-    die: Die,
-    path: Path,
-    comments: Sequence[str] = (),
-    stack: Stack | None = None,
-    films: Films = film,
+    die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None, films: Films = film
 ) -> None:
     """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
 
@@ -101,8 +98,7 @@ def write_glb(
             MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
     """
     stack = stack or Stack()
-    check_mesh_size(die, "glb")
-    chrome, touches = films(die, stack)
+    chrome, remarks = _film(die, "glb", stack, films)
     low, high = glass(die, stack)
     nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
     blocks: list[bytes] = []
@@ -128,7 +124,7 @@ def write_glb(
         primitive = {"attributes": {"POSITION": 2 * n}, "indices": 2 * n + 1, "material": n}
         meshes.append({"name": f"{die.name}_{name}", "primitives": [primitive]})
         nodes.append({"name": name, "mesh": n, **place})
-    said = [*comments, *stack.remarks(), *stack.touching_remark(die, touches)]
+    said = [*comments, *stack.remarks(), *remarks]
     document = {
         "asset": {
             "version": "2.0",
@@ -157,27 +153,19 @@ def write_glb(
 
 
 def write_3mf(
-    die: Die,
-    path: Path,
-    comments: Sequence[str] = (),
-    stack: Stack | None = None,
-    films: Films = film,
+    die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None, films: Films = film
 ) -> None:
     """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
 
-    Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.mask.formats.solid.film`; MF410 or
-            MF412 as :func:`maskfab.mask.formats.solid.check_mesh_size`.
+    Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``. Raises
+    as :func:`write_glb`.
     """
     from xml.sax.saxutils import escape  # loads all of urllib
 
     stack = stack or Stack()
-    check_mesh_size(die, "3mf")
-    chrome, touches = films(die, stack)
+    chrome, remarks = _film(die, "3mf", stack, films)
     low, high = glass(die, stack)
-    said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
+    said = (*comments, *stack.remarks(), *remarks)
     with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
         _store(package, "[Content_Types].xml", [_CONTENT_TYPES])
         _store(package, "_rels/.rels", [_RELATIONS])
@@ -214,17 +202,11 @@ def write_stl(
     1 nm at 16 to 32 mm; those of one place are rounded alike. The head of 80 bytes holds the unit and as much of the
     remarks and of the first comment as fits.
 
-    Args:
-        stack: thicknesses; those of the glass do not matter.
-
     Raises:
-        OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
-            :func:`maskfab.mask.formats.solid.film`; MF410 or MF412 as
-            :func:`maskfab.mask.formats.solid.check_mesh_size`; MF437 if rounding makes one of two vertices.
+        OutputError: MF411 if it would be larger than ``limit_bytes``, else as :func:`write_glb`.
     """
     stack = stack or Stack()
-    check_mesh_size(die, "stl")
-    chrome, touches = films(die, stack)
+    chrome, remarks = _film(die, "stl", stack, films)
     count = len(chrome.triangles)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
     if size > limit_bytes and not force:
@@ -235,7 +217,7 @@ def write_stl(
         cure = "Use glb, which takes half of it, or raise export.stl_limit_mb"
         raise OutputError("MF411", what, where=f"die {die.name}", cure=cure)
     rounded = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)
-    said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
+    said = "; ".join(("unit mm", *stack.remarks()[1:], *remarks, *comments))
     head = said.encode("ascii", "replace")[:80].ljust(80)
     with partial(path) as place, place.open("wb") as file:
         file.write(head + struct.pack("<I", count))
@@ -248,6 +230,13 @@ def write_stl(
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
             file.write(table.tobytes())
+
+
+def _film(die: Die, kind: str, stack: Stack, films: Films) -> tuple[Mesh, tuple[str, ...]]:
+    """The film of a die that is not too large, and a remark on corners that touched."""
+    check_mesh_size(die, kind)
+    chrome, touches = films(die, stack)
+    return chrome, stack.touching_remark(die, touches)
 
 
 def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
@@ -410,11 +399,7 @@ def _numbers(text: bytes, start: int, end: int, run: _Run) -> NDArray[Any] | Non
 
 
 def read_stl(path: Path) -> ReadSolid:
-    """A binary STL file in millimetres: one shape.
-
-    Raises:
-        SourceError: MF303 if it is not as long as its triangles, or trimesh cannot read it.
-    """
+    """A binary STL file in millimetres: one shape."""
     _check_stl_size(path)
     # The whole library keeps ten times the file in memory: its parser alone is asked.
     from trimesh.exchange.stl import load_stl
@@ -517,45 +502,25 @@ def is_manifold(triangles: Ints) -> bool:
 
 
 def check_mesh(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
-    """Read a die's GLB, 3MF or STL file back and compare it with the design, see :func:`mesh_rows`.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
-    """
+    """Read a die's GLB, 3MF or STL file back and compare it with the design, see :func:`mesh_rows`."""
     check_file(path)
     read = read_stl(path) if path.suffix == ".stl" else read_scene(path)
     return tuple(mesh_rows(die, path, stack or Stack(), read))
 
 
-def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
-    return check_mesh(die, path, made.settings.stack)
+def _format(name: FileFormat, write: Callable[[Source, Die, Path], None]) -> Format:
+    def compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
+        return check_mesh(die, path, made.settings.stack)
+
+    return Format(name, name.upper(), f".{name}", write_die=write, compare_die=compare, extra="solid")
+
+
+def _stl(of: Source, die: Die, to: Path) -> None:
+    write_stl(die, to, of.comments, of.settings.stack, of.films, limit_bytes=of.settings.stl_limit_bytes)
 
 
 FORMATS = (
-    Format(
-        "glb",
-        "GLB",
-        ".glb",
-        write_die=lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack, of.films),
-        compare_die=_compare,
-        extra="solid",
-    ),
-    Format(
-        "3mf",
-        "3MF",
-        ".3mf",
-        write_die=lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack, of.films),
-        compare_die=_compare,
-        extra="solid",
-    ),
-    Format(
-        "stl",
-        "STL",
-        ".stl",
-        write_die=lambda of, die, to: write_stl(
-            die, to, of.comments, of.settings.stack, of.films, limit_bytes=of.settings.stl_limit_bytes
-        ),
-        compare_die=_compare,
-        extra="solid",
-    ),
+    _format("glb", lambda of, die, to: write_glb(die, to, of.comments, of.settings.stack, of.films)),
+    _format("3mf", lambda of, die, to: write_3mf(die, to, of.comments, of.settings.stack, of.films)),
+    _format("stl", _stl),
 )

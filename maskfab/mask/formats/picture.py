@@ -29,19 +29,19 @@ from maskfab.base.files import partial
 from maskfab.base.model import CLEAR, Box, Die, Plate, Quantity
 from maskfab.base.pictures import is_whole
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
-from maskfab.job.values import MOST_DOTS_PER_UM
+from maskfab.job.values import MOST_DOTS_PER_UM, FileFormat
 from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps, smallest_runs
 from maskfab.mask.formats.content import note_rounding
-from maskfab.mask.formats.format import Drawn, Format
+from maskfab.mask.formats.format import Drawn, Format, Source
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.mask.layout import (
     DBU_UM,
     LeftOut,
     check_file_size,
     clear_shapes,
+    drawn_region,
     layer_info,
     note_left_out,
-    simple_polygon,
 )
 from maskfab.mask.raster import coverage
 from maskfab.mask.sandbox import damaged, missing
@@ -52,10 +52,7 @@ MOST_RUNS = 20_000_000
 TIFF_SUFFIXES = (".tif", ".tiff")
 IMAGE_SUFFIXES = (".png", *TIFF_SUFFIXES)
 _WHITE, _HALF = 255, 128
-_MAGIC = {
-    ".png": (b"\x89PNG\r\n\x1a\n",),
-    **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
-}
+_MAGIC = {".png": (b"\x89PNG\r\n\x1a\n",), **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"))}
 _PNG_AROUND = 12
 _UM_PER_UNIT = {**{unit: UM_PER_UNIT[unit] for unit in ("in", "cm", "m", "mm")}, "inch": UM_PER_INCH}
 
@@ -64,7 +61,6 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
     """An image as boxes on the layer CLEAR of one cell, the middle of the image the origin.
 
     Args:
-        path: ``.png .tif .tiff``.
         dots_per_um: pixels in a micrometre; what the file's resolution tags say if None.
 
     Raises:
@@ -89,13 +85,7 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
 
 
 def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
-    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states, if any.
-
-    Raises:
-        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
-            pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y, MF318 it does not
-            say what is white.
-    """
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre, if the file states them."""
     if not os.path.isfile(path):
         raise missing(path)
     if path.stat().st_size == 0:
@@ -236,8 +226,6 @@ class Bitmap:
     """Facts of a written bitmap.
 
     Attributes:
-        width: pixels along x.
-        height: pixels along y.
         partly: pixels that are neither clear nor opaque all over; where there are none, the pixels are the mask.
     """
 
@@ -247,7 +235,7 @@ class Bitmap:
     partly: int
 
 
-def write_preview(
+def write_picture(
     plate: Plate,
     path: Path,
     dots_per_um: float,
@@ -256,65 +244,19 @@ def write_preview(
     die: str | None = None,
     limit_bytes: int = LARGEST_BYTES,
 ) -> Bitmap:
-    """Write a plate, or one of its dies alone, as 8-bit grey PNG: linear, white is clear.
+    """Write a plate, or one of its dies alone: as PNG in 8 bits, linear, white is clear; or as TIFF in one, 1 is clear.
 
     Args:
         dots_per_um: pixels per micrometre, also in the file's resolution; the lower left corner of the blank or of the
             panel is that of a pixel.
-        die: the only die to show, by its name.
 
     Raises:
         OutputError: MF401 if the file cannot be written, MF413 if ``dots_per_um`` is not positive and finite, MF415 if
             the file would be too large.
-        KeyError: for a die that the plate does not have.
     """
-    return _write(plate, path, dots_per_um, comments, die, limit_bytes, bits=8)
-
-
-def write_bilevel(
-    plate: Plate,
-    path: Path,
-    dots_per_um: float,
-    comments: Sequence[str] = (),
-    *,
-    die: str | None = None,
-    limit_bytes: int = LARGEST_BYTES,
-) -> Bitmap:
-    """Write as TIFF with one bit for each pixel, deflated; 1 (white) is clear. All else as :func:`write_preview`."""
-    return _write(plate, path, dots_per_um, comments, die, limit_bytes, bits=1)
-
-
-def bitmap_size(plate: Plate, dots_per_um: float, die: str | None = None) -> tuple[int, int]:
-    """Pixels along x and y. Raises OutputError MF413 if ``dots_per_um`` is not positive and finite."""
-    if not (math.isfinite(dots_per_um) and dots_per_um > 0):
-        raise OutputError("MF413", f"{dots_per_um} dots per um are not positive", cure="Give a number such as 1.0")
-    box = _box(plate, die)
-    # A length that is whole in pixels stays so whatever the rounding of the product.
-    width, height = (math.ceil(round(side * dots_per_um / NM_PER_UM, 6)) for side in (box[2] - box[0], box[3] - box[1]))
-    return max(1, width), max(1, height)
-
-
-def _box(plate: Plate, die: str | None) -> Box:
-    if die is None:
-        half = plate.blank_nm // 2
-        return -half, -half, half, half
-    boxes = {laid.name: laid.box_nm for laid in plate.dies}
-    if die not in boxes:
-        raise KeyError(f"no die {die!r} on the plate {plate.name!r}")
-    return boxes[die]
-
-
-def _write(
-    plate: Plate,
-    path: Path,
-    dots_per_um: float,
-    comments: Sequence[str],
-    die: str | None,
-    limit_bytes: int,
-    bits: int,
-) -> Bitmap:
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
+    bits = 1 if path.suffix in TIFF_SUFFIXES else 8
     width, height = bitmap_size(plate, dots_per_um, die)
     check_file_size(math.ceil(width * bits / 8) * height, limit_bytes, path, "Choose fewer dots per um, or one die")
     header = oiio.ImageSpec(width, height, 1, "uint8")
@@ -327,7 +269,7 @@ def _write(
     header.attribute("oiio:ColorSpace", "lin_rec709_scene")
     header.attribute("Software", "maskfab")
     # Or OpenImageIO writes the time, and equal masks make unequal files. TIFF knows no empty one.
-    header.attribute("DateTime", _DATE if path.suffix in {".tif", ".tiff"} else "")
+    header.attribute("DateTime", _DATE if bits == 1 else "")
     said = (*comments, f"{dots_per_um:g} dots per um; white is clear in the chrome")
     header.attribute("ImageDescription", "; ".join(" ".join(line.split()) for line in said))
     partly = 0
@@ -353,13 +295,31 @@ def _write(
     return Bitmap(width, height, dots_per_um, partly)
 
 
+def bitmap_size(plate: Plate, dots_per_um: float, die: str | None = None) -> tuple[int, int]:
+    """Pixels along x and y. Raises OutputError MF413 if ``dots_per_um`` is not positive and finite."""
+    if not (math.isfinite(dots_per_um) and dots_per_um > 0):
+        raise OutputError("MF413", f"{dots_per_um} dots per um are not positive", cure="Give a number such as 1.0")
+    box = _box(plate, die)
+    # A length that is whole in pixels stays so whatever the rounding of the product.
+    width, height = (math.ceil(round(side * dots_per_um / NM_PER_UM, 6)) for side in (box[2] - box[0], box[3] - box[1]))
+    return max(1, width), max(1, height)
+
+
+def _box(plate: Plate, die: str | None) -> Box:
+    if die is None:
+        half = plate.blank_nm // 2
+        return -half, -half, half, half
+    boxes = {laid.name: laid.box_nm for laid in plate.dies}
+    if die not in boxes:
+        raise KeyError(f"no die {die!r} on the plate {plate.name!r}")
+    return boxes[die]
+
+
 def _bands(plate: Plate, box: Box, width: int, height: int, dots_per_um: float) -> Iterator[Floats]:
     """Share of every pixel that is clear, float64 [rows, width], row 0 lowest; the highest band first."""
     x, y = _borders(box[0], width, dots_per_um), _borders(box[1], height, dots_per_um)
     dies = [_Laid.on(die, x) for die in plate.dies]
-    marks = db.Region(
-        [db.Polygon(simple_polygon(p)) for mark in plate.marks if mark.layer.written for p in mark.polygons]
-    )
+    marks = drawn_region(polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons)
     rows = max(1, _BAND_PIXELS // width)
     for stop in range(height, 0, -rows):
         edges = y[max(0, stop - rows) : stop + 1]
@@ -451,7 +411,6 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     """Read a die's PNG or TIFF back and compare it with the plate.
 
     Args:
-        design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
         dots_per_um: pixels per micrometre that it should have; its own resolution tags are what it is read by.
 
     Returns:
@@ -459,9 +418,6 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
         them, all of them if size or resolution are others; and ``bitmap_xor_area`` in um²: what only one of picture and
         die covers, each pixel clear or not. Its limit is 0 where pixels follow the dots; elsewhere it is not judged,
         for it tells what pixels so large cannot show.
-
-    Raises:
-        SourceError: as of :func:`maskfab.mask.formats.picture.read_levels`; MF314 if it has no resolution.
     """
     x0, y0, x1, y1 = die.box_nm
     pixel = NM_PER_UM / dots_per_um
@@ -540,23 +496,14 @@ def _rounded_up(value: float) -> str:
     return text if float(text) >= value else f"{np.ceil(value * 10.0**digits) / 10.0**digits:.6g}"
 
 
-def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
-    return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+def _format(name: FileFormat, title: str, tail: str) -> Format:
+    def write(of: Source, die: Die, to: Path) -> Bitmap:
+        return write_picture(of.plate, to, of.settings.dots_per_um, of.comments, die=die.name)
+
+    def compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
+        return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+
+    return Format(name, title, tail, write_die=write, compare_die=compare)
 
 
-FORMATS = (
-    Format(
-        "png",
-        "PNG",
-        ".png",
-        write_die=lambda of, die, to: write_preview(of.plate, to, of.settings.dots_per_um, of.comments, die=die.name),
-        compare_die=_compare,
-    ),
-    Format(
-        "tiff",
-        "TIFF, 1 bit",
-        ".tif",
-        write_die=lambda of, die, to: write_bilevel(of.plate, to, of.settings.dots_per_um, of.comments, die=die.name),
-        compare_die=_compare,
-    ),
-)
+FORMATS = (_format("png", "PNG", ".png"), _format("tiff", "TIFF, 1 bit", ".tif"))

@@ -89,12 +89,6 @@ def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", c
 
     1 (white) is what the digitized data show: openings, or where they are dark the chrome of the writable area.
 
-    Args:
-        dpi: dots per inch, also in the file's resolution.
-
-    Returns:
-        The dots.
-
     Raises:
         OutputError: MF401 if the file cannot be written or has no room, MF415 if it would exceed what the format holds.
     """
@@ -220,9 +214,6 @@ class PlateDots:
     """A bitmap as it is read.
 
     Attributes:
-        width: dots along x.
-        height: dots along y.
-        dpi: dots per inch, as the file states them.
         dpi_rounding: by how much the format may have rounded that.
         upwards: whether the lowest row comes first.
         rows: eight dots to a byte, the leftmost in the highest bit, 1 for white, and 0 beyond the last; how often each
@@ -410,16 +401,8 @@ def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
 def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone: Tone) -> Quantity:
     """Read a plate's TIFF or BMP back and compare every dot with the design.
 
-    Args:
-        design: the plate, as :func:`maskfab.mask.layout.plate_layout`.
-        dpi: dots per inch that it should have.
-
     Returns:
         ``plate_bitmap_wrong_dots``, whose limit is 0; all dots if there are too many or too few, or of another size.
-
-    Raises:
-        SourceError: MF301 if there is no such file, else as of
-            :func:`maskfab.mask.formats.plate_bitmap.read_plate_dots`.
     """
     grid = DotGrid.of(plate, dpi)
     try:

@@ -179,9 +179,6 @@ def film(die: Die, stack: Stack) -> tuple[Mesh, int]:
 
     Every side of a triangle belongs to two, and the triangles round every vertex are one fan. Chrome that openings part
     altogether is several such surfaces. Where openings touch by a corner they get the gap or neck of the stack.
-
-    Raises:
-        OutputError: MF436 as :meth:`maskfab.mask.formats.format.Stack.corner_leg_nm`.
     """
     clear = _clear(die)
     touches = _touches(clear)
@@ -391,8 +388,6 @@ def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, 
     """Turn diagonals, the last side first, and after each turn the four sides about it.
 
     Args:
-        x: of every corner, whole numbers; ``y`` alike.
-        y: see ``x``.
         start: corner that each side starts from.
         following: side that comes after each in its triangle.
         twin: the same side in the neighbour; -1 for none.

@@ -27,25 +27,8 @@ from maskfab.base.files import partial
 from maskfab.base.model import ORIENTATIONS, Die, Panel, Plate, Quantity
 from maskfab.base.processes import quiet
 from maskfab.base.units import MM_PER_NM
-from maskfab.mask.formats.format import Drawn, Format, Stack
-from maskfab.mask.formats.solid import (
-    CHROME_RGB,
-    GLASS_ALPHA,
-    GLASS_RGB,
-    MOST_CAD_CELLS,
-    MOST_CAD_VERTICES,
-    Mesh,
-    box_mesh,
-    cells,
-    check_mesh_size,
-    check_solid_size,
-    film,
-    glass,
-    holes_nm,
-    openings_in_use,
-    rotation,
-    unit_names,
-)
+from maskfab.mask.formats import solid
+from maskfab.mask.formats.format import Format, Stack
 from maskfab.mask.formats.solid_check import NM, OCP, check_file, check_reach, step_rows
 from maskfab.mask.formats.step_process import Parts
 from maskfab.mask.sandbox import PATIENCE_S, read_apart
@@ -78,7 +61,6 @@ def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
 
     Args:
         path: a file that the library has written without colours, its entities numbered as the model's.
-        model: what was written.
         shades: by the product's name; others get none.
     """
     lines, number = [], model.NbEntities()
@@ -138,8 +120,8 @@ def _parts(model: Any) -> Iterator[tuple[str, list[int], int]]:
             yield product.Formation().OfProduct().Name().ToCString(), solids, number[id(shape.ContextOfItems())]
 
 
-_CHROME = Shade(CHROME_RGB)
-_GLASS = Shade(GLASS_RGB, transparency=1 - GLASS_ALPHA)
+_CHROME = Shade(solid.CHROME_RGB)
+_GLASS = Shade(solid.GLASS_RGB, transparency=1 - solid.GLASS_ALPHA)
 
 
 def write_step(
@@ -148,13 +130,12 @@ def write_step(
     comments: Sequence[str] = (),
     stack: Stack | None = None,
     *,
-    most_vertices: int = MOST_CAD_VERTICES,
-    most_cells: int = MOST_CAD_CELLS,
+    most_vertices: int = solid.MOST_CAD_VERTICES,
+    most_cells: int = solid.MOST_CAD_CELLS,
 ) -> None:
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
     Args:
-        stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
         most_vertices: of all outlines of the openings in use, as the cut takes 0.5 s for 230, 8 s for 2200.
         most_cells: of the panel, as a thousand take 0.6 s and 0.65 MB.
 
@@ -163,22 +144,22 @@ def write_step(
             :func:`maskfab.mask.formats.solid.check_solid_size`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "step", most_vertices, most_cells)
+    solid.check_solid_size(die, "step", most_vertices, most_cells)
     panel = die.panel
     with quiet():
         assembly = _Assembly(die.name)
-        low, high = glass(die, stack)
+        low, high = solid.glass(die, stack)
         assembly.place(assembly.root, assembly.part(_box(high - low), f"{die.name}_GLASS", _GLASS), "GLASS", low)
         tiles = {}
-        for opening in openings_in_use(panel):
+        for opening in solid.openings_in_use(panel):
             name = f"{panel.openings[opening].name}_FILM{opening}"
             tiles[opening] = assembly.part(_film(panel, opening, stack), name, _CHROME)
         units = {}
-        for cell, name in unit_names(panel).items():
+        for cell, name in solid.unit_names(panel).items():
             units[cell] = assembly.group(f"{die.name}_{name}")
-            turn = rotation(cell % ORIENTATIONS)
+            turn = solid.rotation(cell % ORIENTATIONS)
             assembly.place(units[cell], tiles[cell // ORIENTATIONS], "FILM", np.zeros(3), turn)
-        for name, cell, centre in cells(die):
+        for name, cell, centre in solid.cells(die):
             assembly.place(assembly.root, units[cell], name, centre)
         assembly.write(path, (*comments, *stack.remarks()))
 
@@ -187,9 +168,6 @@ def write_plate_step(plate: Plate, path: Path, comments: Sequence[str] = (), sta
     """Write a plate in outline: its blank, and each die as a box of the film's thickness in a colour of its own.
 
     The centre of the plate is the origin, and a die's box is placed by its own centre.
-
-    Raises:
-        OutputError: MF401 if the file cannot be written.
     """
     stack = stack or Stack()
     with quiet():
@@ -229,14 +207,7 @@ class _Assembly:
     def group(self, name: str) -> Any:
         return self._named(self._shapes.NewShape(), name)
 
-    def place(
-        self,
-        parent: Any,
-        child: Any,
-        name: str,
-        position_nm: Floats,
-        turn: Floats | None = None,
-    ) -> None:
+    def place(self, parent: Any, child: Any, name: str, position_nm: Floats, turn: Floats | None = None) -> None:
         from OCP.gp import gp_Trsf, gp_Vec
         from OCP.TopLoc import TopLoc_Location
 
@@ -338,7 +309,7 @@ def _film(panel: Panel, opening: int, stack: Stack) -> Any:
     whole = _box(size, -size / 2)
     below, height = -thick * MM_PER_NM, 2 * thick * MM_PER_NM
     prisms = TopTools_ListOfShape()
-    for hole in holes_nm(panel, opening):
+    for hole in solid.holes_nm(panel, opening):
         wire = BRepBuilderAPI_MakePolygon()
         for x, y in (hole * MM_PER_NM).tolist():
             wire.Add(gp_Pnt(x, y, below))
@@ -356,31 +327,30 @@ def _film(panel: Panel, opening: int, stack: Stack) -> Any:
     return cut.Shape()
 
 
-_SOLID_CHROME, _SOLID_GLASS = (*CHROME_RGB, 1.0), (*GLASS_RGB, GLASS_ALPHA)
+_SOLID_CHROME, _SOLID_GLASS = (*solid.CHROME_RGB, 1.0), (*solid.GLASS_RGB, solid.GLASS_ALPHA)
 
 
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
     """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement.
 
-    Args:
-        die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
-
     Raises:
         OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
+    solid.check_solid_size(die, "cadquery assembly", solid.MOST_CAD_VERTICES, solid.MOST_CAD_CELLS)
     import cadquery
 
-    low, high = glass(die, stack)
-    size = (high - low) * MM_PER_NM
-    substrate = cadquery.Workplane(obj=cadquery.Solid.makeBox(*size.tolist()))
+    low, high = solid.glass(die, stack)
     whole = cadquery.Assembly(name=die.name)
+    substrate = cadquery.Workplane(obj=cadquery.Shape.cast(_box(high - low)))
     whole.add(substrate, name="GLASS", loc=_location(low), color=cadquery.Color(*_SOLID_GLASS))
-    tiles = {opening: _film_shape(die.panel, opening, stack) for opening in openings_in_use(die.panel)}
-    for name, cell, centre in cells(die):
+    films = {
+        opening: cadquery.Shape.cast(_film(die.panel, opening, stack)) for opening in solid.openings_in_use(die.panel)
+    }
+    for name, cell, centre in solid.cells(die):
         opening, turn = divmod(cell, ORIENTATIONS)
-        whole.add(tiles[opening], name=name, loc=_location(centre, turn), color=cadquery.Color(*_SOLID_CHROME))
+        tile, place = cadquery.Workplane(obj=films[opening]), _location(centre, turn)
+        whole.add(tile, name=name, loc=place, color=cadquery.Color(*_SOLID_CHROME))
     return whole
 
 
@@ -392,31 +362,17 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
             :func:`maskfab.mask.formats.solid.film`.
     """
     stack = stack or Stack()
-    check_mesh_size(die, "trimesh scene")
+    solid.check_mesh_size(die, "trimesh scene")
     import trimesh
 
     scene = trimesh.Scene(base_frame=die.name)
     scene.units = "millimeters"
     for name, mesh, colour in (
-        ("GLASS", box_mesh(*glass(die, stack)), _SOLID_GLASS),
-        ("FILM", film(die, stack)[0], _SOLID_CHROME),
+        ("GLASS", solid.box_mesh(*solid.glass(die, stack)), _SOLID_GLASS),
+        ("FILM", solid.film(die, stack)[0], _SOLID_CHROME),
     ):
         scene.add_geometry(_trimesh(mesh, colour), node_name=name, geom_name=name)
     return scene
-
-
-def _film_shape(panel: Panel, opening: int, stack: Stack) -> cadquery.Workplane:
-    """The chrome of one cell, not turned: a box less a prism for each outline."""
-    import cadquery
-
-    side, thick = panel.pitch_nm * MM_PER_NM, stack.film_nm * MM_PER_NM
-    box = cadquery.Solid.makeBox(side, side, thick, cadquery.Vector(-side / 2, -side / 2, -thick / 2))
-    prisms = []
-    for hole in holes_nm(panel, opening):
-        corners = [cadquery.Vector(x, y, -thick) for x, y in (hole * MM_PER_NM).tolist()]
-        outline = cadquery.Wire.makePolygon(corners, close=True)
-        prisms.append(cadquery.Solid.extrudeLinear(outline, [], cadquery.Vector(0, 0, 2 * thick)))
-    return cadquery.Workplane(obj=box.cut(*prisms) if prisms else box)
 
 
 def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
@@ -424,11 +380,11 @@ def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
     from OCP.gp import gp_Trsf
 
     to = gp_Trsf()
-    to.SetValues(*np.column_stack([rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
+    to.SetValues(*np.column_stack([solid.rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
     return cadquery.Location(to)
 
 
-def _trimesh(mesh: Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
+def _trimesh(mesh: solid.Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
     import trimesh
 
     made = trimesh.Trimesh(mesh.vertices_nm * MM_PER_NM, mesh.triangles, process=False)
@@ -452,21 +408,13 @@ def read_step(path: Path) -> Parts:
 
 
 def check_step(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
-    """Read a die's STEP file back and compare it with the design, see :func:`step_rows`.
-
-    Raises:
-        SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read.
-    """
+    """Read a die's STEP file back and compare it with the design, see :func:`step_rows`."""
     check_file(path)
     return tuple(step_rows(die, path, stack or Stack(), read_step(path)[0]))
 
 
 def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
-    """Read a plate's STEP file back: as many boxes as dies, under their names, where and as large as the dies are.
-
-    Raises:
-        SourceError: as :func:`check_step`.
-    """
+    """Read a plate's STEP file back: as many boxes as dies, under their names, where and as large as the dies are."""
     check_file(path)
     read, placed = read_step(path)
     dies = {die.name: die for die in plate.dies}
@@ -490,10 +438,6 @@ def check_plate_step(plate: Plate, path: Path) -> tuple[Quantity, ...]:
     return (*exact, Quantity("solid_position_error", error, corners_of, limit=NM, passed=error <= NM))
 
 
-def _compare(made: Drawn, die: Die, path: Path) -> tuple[Quantity, ...]:
-    return check_step(die, path, made.settings.stack)
-
-
 FORMATS = (
     Format(
         "step",
@@ -502,7 +446,7 @@ FORMATS = (
         write_plate=lambda of, to: write_plate_step(of.plate, to, of.comments, of.settings.stack),
         write_die=lambda of, die, to: write_step(die, to, of.comments, of.settings.stack),
         compare_plate=lambda made, path: check_plate_step(made.plate, path),
-        compare_die=_compare,
+        compare_die=lambda made, die, path: check_step(die, path, made.settings.stack),
         extra="solid",
         loads=("OCP",),
         reading="thread",

@@ -22,7 +22,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.processes import quiet
-from maskfab.mask.limits import limit_share
+from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message
 
 _DEFLECTION_MM = 1e-3

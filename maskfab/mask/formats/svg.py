@@ -151,12 +151,8 @@ def write_svg(
     Chrome is dark, what is exposed is white, holes that have a layer of their own are dark again on top of it. Merged
     figures are joined across pixels and belong to no die.
 
-    Args:
-        die: the only die to show, by its name on the plate.
-
     Raises:
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
-        KeyError: for a die that the plate does not have.
     """
     figures = as_figures(source)
     chosen = None if die is None else _die(figures, die)

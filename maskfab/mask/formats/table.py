@@ -125,7 +125,6 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
     unit of a DXF for ``content.drawn_unit_um``.
 
     Args:
-        path: ``.gds .gdsii .gds2 .oas .oasis .cif .dxf .gbr .ger``.
         unit_um: one unit of a DXF; what $INSUNITS says if None, and one micrometre if that says nothing.
 
     Raises:

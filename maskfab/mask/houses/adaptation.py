@@ -17,6 +17,7 @@ from maskfab.job.order import Tone
 from maskfab.job.sections import DRAWING_KEYS, ExportSection, JobSpec
 from maskfab.job.shop import Shop
 from maskfab.job.values import MASK_FORMATS, MEASURED_FORMATS, FileFormat
+from maskfab.mask.composition import lies_on, snapped
 from maskfab.mask.figures import MAX_VERTICES, Figures, Hierarchy, PolygonOptions, Shapes
 from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.table import FORMATS
@@ -24,7 +25,6 @@ from maskfab.mask.layout import drawn_region, file_references
 from maskfab.mask.layout import references as references_in
 from maskfab.mask.marks import bounding_box, plate_template
 from maskfab.mask.outlines import Holes, hull_points, simple_pieces
-from maskfab.mask.plate import lies_on, snapped
 
 _BAR_NM = 4_000
 _MOST_TIMES = 8

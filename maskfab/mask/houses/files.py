@@ -135,7 +135,6 @@ def dot_edges(
     Args:
         spec: of its job, whose [order] may state a tolerance of widths.
         shop: the house, which may have published one.
-        dpi: dots per inch of the plotter.
     """
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
         return None
@@ -228,7 +227,6 @@ def check_package(
 
     Args:
         formats: of the mask files; the house's first if empty.
-        facts: as of :func:`maskfab.mask.houses.findings.check_shop`.
     """
     sent = tuple(formats) or shop.formats[:1]
     drawn = fitted(plate, shop, spec.tone)
@@ -324,24 +322,18 @@ def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
     """Refuse bitmaps of a plate without dots per inch. Raises JobError MF105."""
     asked = [form for form in formats if form in PLATE_BITMAPS]
     if asked and dpi is None:
-        raise JobError(
-            "MF105",
-            f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch",
-            where="export.dpi",
-            cure='Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out',
-        )
+        what = f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch"
+        cure = 'Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out'
+        raise JobError("MF105", what, where="export.dpi", cure=cure)
 
 
 def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> None:
     """Refuse biased data as pictures, whose dots are far coarser than a bias. Raises JobError MF128."""
     dots = [form for form in formats if form in (*PLATE_BITMAPS, *PICTURES)]
     if spec.data_bias_nm and dots:
-        raise JobError(
-            "MF128",
-            f"{dots[0]} is made of dots, which are far coarser than the bias that the data should be short of",
-            where=f"{where}: export.formats",
-            cure=f'Leave {" and ".join(dots)} out of formats, or let the house make it good: order.bias = "house"',
-        )
+        what = f"{dots[0]} is made of dots, which are far coarser than the bias that the data should be short of"
+        cure = f'Leave {" and ".join(dots)} out of formats, or let the house make it good: order.bias = "house"'
+        raise JobError("MF128", what, where=f"{where}: export.formats", cure=cure)
 
 
 def files_for_shop(
@@ -360,9 +352,6 @@ def files_for_shop(
 
     Args:
         file: the job was read from, for the judge.
-
-    Raises:
-        OutputError, JobError: as :func:`files_of_job`.
     """
     dpi = plotted_dpi(spec.export, shop)
     check_stated(dpi, formats)

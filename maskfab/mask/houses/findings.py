@@ -21,6 +21,7 @@ from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 from maskfab.job.order import Tone as DataTone
 from maskfab.job.shop import Shop
 from maskfab.job.values import SHOP_FORMATS, FileFormat, ShopFormat
+from maskfab.mask.design_rules import DesignRules, RuleResult, flat_results, merged
 from maskfab.mask.figures import Figures, PolygonOptions, draw
 from maskfab.mask.formats import table
 from maskfab.mask.houses import adaptation
@@ -29,7 +30,6 @@ from maskfab.mask.layout import drawn_region, plate_layout, plate_names, region
 from maskfab.mask.marks import PlateTemplate, plate_template, template_names
 from maskfab.mask.panel_rules import Narrowest, Tone, narrowest
 from maskfab.mask.plate_rules import FINE_ON_PURPOSE, Smallest, check_plate, dies_apart, smallest_of_plate
-from maskfab.mask.rule import DesignRules, RuleResult, flat_results, merged
 from maskfab.mask.writer import biased_data
 
 _BLANK_TOLERANCE_NM = 500_000
@@ -66,7 +66,7 @@ class Finding:
     question: str = ""
 
     @property
-    def told(self) -> str:
+    def value_text(self) -> str:
         """Value and limit alone, without place and cure."""
         limit = "" if self.limit is None else f", {_shown(self.limit)} {self.unit}".rstrip() + " taken"
         return f"{self.rule}: {_shown(self.value)} {self.unit}".rstrip() + limit
@@ -82,7 +82,7 @@ class Finding:
     def __str__(self) -> str:
         verdict = {True: "PASS", False: "REFUSED", None: "ASK" if self.question else "note"}[self.passed]
         place = f" at {self.place}" if self.place else ""
-        return ". ".join(text for text in (f"{verdict} {self.told}{place}", self.cure, self.question) if text)
+        return ". ".join(text for text in (f"{verdict} {self.value_text}{place}", self.cure, self.question) if text)
 
 
 Fact = TypeVar("Fact")
@@ -205,7 +205,6 @@ def check_written(
     """Judge the layouts that a job writes by every rule that a house publishes, with all that is in them.
 
     Args:
-        shop: the profile.
         formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
     """
     sent, plate = tuple(form for form in SHOP_FORMATS if form in formats), figures.plate

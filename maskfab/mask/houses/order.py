@@ -231,12 +231,7 @@ _CHOICES = (("parity", "parities"), ("chrome", "chromes"), ("glass", "glasses"),
 def check_ordered(
     findings: Sequence[Finding], spec: JobSpec, plate: Plate, drawn: Plate, shop: Shop, facts: PlateFacts | None = None
 ) -> tuple[Finding, ...]:
-    """Findings of a house's rules in a plate, and of its offers in the order; none asks what the order answers.
-
-    Args:
-        findings: by :func:`maskfab.mask.houses.findings.check_shop`.
-        drawn: the plate :func:`maskfab.mask.houses.adaptation.fitted` for the shop.
-    """
+    """Findings of a house's rules in a plate, and of its offers in the order; none asks what the order answers."""
     touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
     cure = f"By the order they must {touches}"
     offers = (*check_offers(spec, plate, shop), *unpublished(spec, drawn, shop, facts or PlateFacts()))
@@ -495,8 +490,6 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
 
     Raises:
         SourceError: MF308 for a job that is no TOML file.
-        JobError: as :func:`maskfab.job.toml.inserted`; and as for a job, were it wrong with its new lines.
-        OutputError: MF401 if the file cannot be written.
     """
     if path.suffix != ".toml":
         raise SourceError("MF308", f"{path} is no TOML file, into which lines can be put", cure="Name a job in TOML")

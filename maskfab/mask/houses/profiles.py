@@ -30,18 +30,13 @@ def load_shop(name: str) -> Shop:
     if path is None and name in names:
         path = resources.path(f"{_FOLDER}/{name}.toml")
     if path is None or not os.path.isfile(path):
-        raise OutputError(
-            "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(names)}, or a profile of your own.toml"
-        )
+        what = f"there is no shop {name!r}"
+        raise OutputError("MF420", what, cure=f"Name one of {', '.join(names)}, or a profile of your own.toml")
     return read_shop(path)
 
 
 def shop_of(spec: JobSpec, where: str) -> Shop | None:
-    """The mask house that the [export] of a loaded job names, its own profile as the job keeps it; None without one.
-
-    Raises:
-        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
-    """
+    """The mask house that the [export] of a loaded job names, its own profile as the job keeps it; None without one."""
     name = None if spec.export is None else spec.export.shop
     if name is None:
         return None

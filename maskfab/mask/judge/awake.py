@@ -29,8 +29,6 @@ def missing(
 
     Args:
         rows: that it gives.
-        files: by their names.
-        dies: by their names.
         shown: those of the files that show displays, for which it owes a row on that of every die.
     """
     given = {(row.method.partition(":")[0], row.name, row.die) for row in rows}
@@ -59,8 +57,6 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
 
     Args:
         read: a layout file, as :func:`maskfab.mask.judge.verdict.judged` takes it.
-        name: of the file.
-        plate: what the job asks for.
     """
     shown = [number for number, display in enumerate(plate.displays) if display.shown]
     least = min(shown or range(len(plate.dies)), key=lambda number: plate.dies[number].clear.size)

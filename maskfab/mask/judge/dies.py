@@ -297,13 +297,9 @@ class AskedDie:
     """A die as the job asks for it.
 
     Attributes:
-        name: of the die.
         label: text under it.
         centre: of its slot, nanometres.
         slot: side of it.
-        dot: side of a dot.
-        pitch: of its cells.
-        gutter: between their dots.
         turns: int64 [rows, columns], of every cell.
         x: lines along which dots and gutters end, int64 [nx + 1].
         y: int64 [ny + 1].

@@ -82,7 +82,6 @@ class Display:
 
     Attributes:
         answer: what was found for it; emitters that its opening states are those of the opening's own text.
-        spec: the job, of which the rules count.
         grid: to which wires across the die have been moved, nanometres.
     """
 
@@ -96,9 +95,7 @@ class Display:
 
         Args:
             answer: None for a die without pixels.
-            die: that has it.
             stated: labels in the text of the die's opening, if there are any.
-            spec: of the job.
             grid: of marks, nanometres.
         """
         own = answer or Answer()
@@ -183,9 +180,6 @@ def display_rows(
 
     Args:
         read: the file, as :func:`maskfab.mask.judge.verdict.judged` takes it.
-        name: of the file.
-        dies: as they lie on the plate.
-        displays: of them.
     """
     drawn: list[dict[str, _Placed]] = [defaultdict(list) for _ in dies]
     names = {(layer.layer, layer.datatype): called for called, layer in LAYERS.items()}

@@ -63,9 +63,7 @@ class Asked:
 
     Attributes:
         dies: with their lines as they lie on the plate.
-        marks: figures.
         lines: of text, before the plate is mirrored.
-        codes: data matrices.
         writable: side of the writable area, nanometres.
         mirror: whether left and right are exchanged.
         grids: to which marks have been moved, in that order, nanometres.
@@ -122,10 +120,8 @@ def asked(
 
     Args:
         spec: a job that has been laid out, with its openings and maps as text.
-        shop: whose rules change how marks are drawn.
         file: the job was read from; it and the openings and maps that it names are read once more.
         sent: whether it goes to the shop, which may ask for squares in the corners of a drawing.
-        version: of maskfab that signs the plate.
         answers: what was found of the display of each die that has pixels; None where none is drawn.
     """
     held = sources(spec, file)
@@ -202,8 +198,6 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
 
     Args:
         read: the file, read by a library that did not write it, layers under the plate's numbers; one top cell.
-        name: of the file.
-        plate: what its job asks for.
     """
     left = _left_over(read, plate)
     owners = [die.box for die in plate.dies]

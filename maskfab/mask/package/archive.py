@@ -52,11 +52,7 @@ def safe_stem(name: str) -> str:
 
 
 def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *, replace: bool = True) -> None:
-    """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip.
-
-    Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.base.files.partial`, which ``replace`` is for.
-    """
+    """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip."""
     with (
         partial(target, replace=replace) as aside,
         zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
@@ -89,9 +85,8 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
             larger ones than a package has.
     """
     if not os.path.isfile(package):
-        raise SourceError(
-            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab order pack wrote"
-        )
+        what = f"there is no package {package}"
+        raise SourceError("MF301", what, cure="Give the path of a .zip that maskfab order pack wrote")
     with _opened(package) as archive:
         members = _checked(archive.infolist(), package)
         for name, member in members.items():
@@ -217,9 +212,8 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
         folders.add(path.parts[0])
         named[path.name] = member
     if len(folders) != 1 or RESULT_MARK not in named:
-        raise SourceError(
-            "MF422", f"{package} has no folder with a {RESULT_MARK}", cure="Name a zip that maskfab order pack wrote"
-        )
+        what = f"{package} has no folder with a {RESULT_MARK}"
+        raise SourceError("MF422", what, cure="Name a zip that maskfab order pack wrote")
     return named
 
 
@@ -239,36 +233,24 @@ def placed(target: Path, stem: str) -> Path:
 
 
 def check_earlier(target: Path, revision: str | None) -> None:
-    """Refuse to replace the package of another revision.
-
-    Raises:
-        OutputError: MF406.
-    """
+    """Refuse (MF406) to replace the package of another revision."""
     earlier = _manifest(target)
     if earlier is not None and earlier.get("revision") != revision:
-        raise OutputError(
-            "MF406",
-            f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}",
-            cure="Give --out another name, or a folder, in which each revision has a name of its own",
-        )
+        what = f"{target} holds {_revision(earlier.get('revision'))}, and this is {_revision(revision)}"
+        cure = "Give --out another name, or a folder, in which each revision has a name of its own"
+        raise OutputError("MF406", what, cure=cure)
 
 
 def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
-    """Refuse to replace a package of the same revision that holds something else.
-
-    Raises:
-        OutputError: MF406.
-    """
+    """Refuse (MF406) to replace a package of the same revision that holds something else."""
     earlier, revision = _manifest(target), manifest.get("revision")
     if earlier is None or revision is None or earlier == json.loads(json.dumps(manifest)):
         return
     hashes = [{row["path"]: row["sha256"] for row in contents.get("files", ())} for contents in (earlier, manifest)]
     other = sorted(name for name in {**hashes[0], **hashes[1]} if hashes[0].get(name) != hashes[1].get(name))
-    raise OutputError(
-        "MF406",
-        f"{target} holds {_revision(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}",
-        cure="Raise order.revision in the job; or move the package elsewhere if nobody has received it",
-    )
+    what = f"{target} holds {_revision(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}"
+    cure = "Raise order.revision in the job; or move the package elsewhere if nobody has received it"
+    raise OutputError("MF406", what, cure=cure)
 
 
 def _revision(revision: object) -> str:

@@ -28,6 +28,7 @@ from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop, parse_shop
 from maskfab.job.values import PLATE_BITMAPS, SHOP_FORMATS, ShopFormat, is_table
 from maskfab.mask.comparison.files import compare_mask, read_mask
+from maskfab.mask.composition import compose
 from maskfab.mask.figures import CUT, PolygonOptions
 from maskfab.mask.formats import table
 from maskfab.mask.formats.format import DrawingStyle
@@ -49,7 +50,6 @@ from maskfab.mask.package.archive import (
     write_package,
 )
 from maskfab.mask.package.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
-from maskfab.mask.plate import compose
 from maskfab.mask.sandbox import bounded, seconds_of
 
 _HEADER_BYTES = 1_000_000
@@ -66,8 +66,6 @@ def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
     A letter is taken to be as wide as it is high, which those of a plain font are not quite.
 
     Args:
-        path: the file.
-        read: its content, as :func:`maskfab.mask.formats.table.read_layout` gives it.
         style: in which a drawing was made; its unit is that of the header's extents.
     """
     box = read.top_cell().bbox()
@@ -100,7 +98,6 @@ class Package:
 
     Attributes:
         path: the zip; None if the house would refuse the plate or a file did not read back, so that none was written.
-        findings: the house's rules.
         checks: what reading the files back has shown; empty if the house would refuse the plate.
         files: what is in the zip, the manifest excepted.
         missing: lines of the order that are blank.
@@ -145,13 +142,10 @@ def pack(
     """Make the package of a job for a house.
 
     Args:
-        job: a loaded job.
-        shop: its profile.
         target: the zip to write, or a folder for one that is named by plate, house and revision; it appears when
             everything in it is complete, and only if every rule and check holds.
         formats: of the mask files; the house's first if empty.
         force: replace an earlier file, but no package of another revision, nor one of this that holds anything else.
-        progress: told where the work stands.
 
     Raises:
         OutputError: MF401 or MF402 if ``target`` cannot be written; MF406 for a revision that would be lost.
@@ -271,12 +265,10 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
     """Check a package by making it again of its job and profile: hashes, geometry, papers, and what it says of itself.
 
     Args:
-        package: the zip.
         job: the job that it is held against; None takes the one that it holds.
         shop: whom it is for; None takes the profile that it holds.
 
     Raises:
-        SourceError: MF301, MF303, MF422 or MF423 as :func:`maskfab.mask.package.archive.unpack`.
         JobError: MF105 if neither the caller nor the package says whom it is for.
     """
     with _aside() as folder:
@@ -382,12 +374,8 @@ def _packed_job(folder: Path, package: Path) -> Job:
     """
     path = folder / JOB_COPY
     if not path.is_file():
-        raise JobError(
-            "MF105",
-            f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything",
-            where="--against",
-            cure="Name the job that it was made of",
-        )
+        what = f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything"
+        raise JobError("MF105", what, where="--against", cure="Name the job that it was made of")
     spec = read_spec(path)
     wanted = [(opening, spec.openings) for die in spec.die for opening in (die.opening, *(die.others or ()))]
     wanted += [(die.map, spec.maps) for die in spec.die if die.map is not None]
@@ -398,12 +386,8 @@ def _packed_job(folder: Path, package: Path) -> Job:
         wanted.append((spec.export.shop, spec.shops))
     for name, held in wanted:
         if name not in held:
-            raise JobError(
-                "MF105",
-                f"its job names {name!r}, which it does not hold",
-                where=JOB_COPY,
-                cure="Pack the job again with maskfab order pack",
-            )
+            what = f"its job names {name!r}, which it does not hold"
+            raise JobError("MF105", what, where=JOB_COPY, cure="Pack the job again with maskfab order pack")
     return load_job(path)
 
 
@@ -461,9 +445,8 @@ def _manifest(path: Path) -> Mapping[str, Any]:
         if len({row["path"] for row in manifest["files"]}) < len(manifest["files"]):
             raise ValueError("it lists a file twice")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise SourceError(
-            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab order pack wrote"
-        ) from error
+        what = f"its {RESULT_MARK} cannot be used: {error!r}"
+        raise SourceError("MF422", what, cure="Name a zip that maskfab order pack wrote") from error
     return dict(manifest)
 
 
@@ -475,7 +458,6 @@ class Bid:
     """A house's answer to a plate, as far as its published rules give one.
 
     Attributes:
-        shop: name of its profile.
         title: the house.
         format: of the file that would be sent.
         findings: its rules, and of a plate that keeps them what reading the file back has shown.
@@ -523,12 +505,6 @@ def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: 
     """Judge a composed plate by the rules of several houses, and by the files that they would be sent.
 
     Houses that are sent the same share it. Files are written into a folder that is deleted.
-
-    Args:
-        spec: of the job.
-        plate: laid out of it.
-        shops: to compare.
-        progress: told where the work stands.
     """
     bids, facts = [], PlateFacts()
     with tempfile.TemporaryDirectory(prefix="maskfab-compare-") as folder:

@@ -74,8 +74,6 @@ def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str
 
     Args:
         plate: what is drawn; panels as boxes, marks as they are.
-        kind: of file.
-        notes: lines of the title block.
         reads_up: whether the design reads right with the chrome up, and not through the glass.
     """
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
@@ -162,10 +160,7 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
     axes.set_axis_off()
     (letter,) = text_polygons("F", 1000, (0, 0))
     middle = max(x for x, _ in letter) / 2
-    for left, side, right in (
-        (0.05, _SIDES[0], reads_up),
-        (0.55, _SIDES[1], not reads_up),
-    ):
+    for left, side, right in ((0.05, _SIDES[0], reads_up), (0.55, _SIDES[1], not reads_up)):
         axes.add_patch(Rectangle((left, 0.04), 0.4, 0.17, facecolor=_CHROME, edgecolor=_INK, linewidth=0.8))
         scale = 1.2e-4 if right else -1.2e-4
         points = np.array([(left + 0.2 + (x - middle) * scale, 0.065 + y * 1.2e-4) for x, y in letter])
@@ -305,13 +300,8 @@ def order_sheet(
     """The order sheet of a fitted plate.
 
     Args:
-        order: what is asked for.
-        figures: the plate as it is drawn for the house.
         shop: whose form is answered; what it does not ask for but every writer must know is added at its end.
-        formats: in which the plate is sent.
         files: their names and SHA-256.
-        remarks: comments for the house, a sentence each.
-        edges: of the bitmap that is sent, if any.
         questions: to the house, which its pages leave open.
     """
     answers = _answers(order, figures, shop, formats, remarks)
@@ -465,11 +455,8 @@ class MaskOrder:
     """The order that the papers of a package describe.
 
     Attributes:
-        job: what the plate was made of.
         shop: whom the package is for.
-        figures: the fitted plate as it is drawn.
         signature: of the job, by the version that drew the plate.
-        findings: the house's rules.
         checks: what reading the masks back has shown.
         sent: formats of the mask files, in the order in which they were asked for.
         masks: the mask files, in that order.
@@ -559,7 +546,6 @@ def check_papers(
 
     Args:
         ordered: the package made again, its masks as the manifest lists them.
-        manifest: what the package says.
         present: names of the files that it holds.
         readable: whether all its masks could be read; without them nobody can say what the certificate should say.
     """
@@ -603,8 +589,6 @@ def check_profile(job: Job, shop: Shop, *, ours: bool) -> Iterator[Quantity]:
     Of a house that is known from nowhere else, its hash in the certificate stands for it.
 
     Args:
-        job: what was packed.
-        shop: as the package has it.
         ours: whether this version wrote it; what another one knew of the house is a note.
     """
     profile = load_shop(shop.name) if shop.name in shop_names() else shop_of(job.spec, job.where)

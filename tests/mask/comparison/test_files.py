@@ -28,7 +28,7 @@ from maskfab.mask.comparison.files import read_back
 from maskfab.mask.formats.format import Product
 from maskfab.mask.houses.files import PlateFiles, files_of_job
 from maskfab.mask.layout import layer_info, region
-from maskfab.mask.limits import children_seconds
+from maskfab.mask.process_limits import children_seconds
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

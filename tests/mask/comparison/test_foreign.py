@@ -29,6 +29,9 @@ from maskfab.mask.raster import light_box
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
 
+MIRRORED = "mirrored left to right, as seen through the plate"
+
+
 def placed(trans):
     """Put the plate below a new top cell, moved."""
 
@@ -95,10 +98,11 @@ def test_the_plate_in_whatever_form_is_the_plate(job, plate, gds, tmp_path, suff
     ("turn", "said"),
     [
         (db.Trans.R90, "turned by 90 degrees counter-clockwise"),
-        (db.Trans.M90, "mirrored left to right, as seen through the plate"),
+        (db.Trans.M90, MIRRORED),
         (db.Trans.M45, "mirrored at the rising diagonal, x and y exchanged"),
         (db.Trans.M135, "mirrored at the falling diagonal"),
         (db.Trans(1234, -5), "shifted by (1.234, -0.005) um"),
+        (db.Trans(2, True, 5000, 0), f"{MIRRORED} and shifted by (5, 0) um after that"),
     ],
 )
 def test_a_plate_that_lies_wrong_is_told_how_and_is_right_otherwise(job, plate, gds, tmp_path, turn, said):
@@ -106,13 +110,6 @@ def test_a_plate_that_lies_wrong_is_told_how_and_is_right_otherwise(job, plate, 
     assert told(found)["lies"] == said
     assert failed(found) == {"lies"}
     assert told(found)["xor_area"] == 0
-
-
-def test_a_plate_mirrored_and_shifted_is_told_both(job, plate, gds, tmp_path):
-    found = check(job, plate, edited(gds, tmp_path / "x.gds", placed(db.Trans(2, True, 5000, 0))))
-    said = "mirrored left to right, as seen through the plate and shifted by (5, 0) um after that"
-    assert told(found)["lies"] == said
-    assert failed(found) == {"lies"}
 
 
 @pytest.mark.parametrize(
@@ -212,18 +209,6 @@ def test_a_picture_of_a_die_has_no_place_to_be_wrong_at(job, plate, tmp_path):
         check(job, one, tmp_path / "right.png")
 
 
-def test_holes_on_a_layer_of_their_own_are_taken_away(job, plate, gds, tmp_path):
-    def cover(layout):
-        x, y = plate.dies[0].centre_nm
-        hole = db.Box(x - 3_000_000, y - 3_000_000, x - 2_900_000, y - 2_900_000)
-        for number in (1, 2):
-            layout.top_cell().shapes(layout.layer(number, 0)).insert(hole)
-
-    path = edited(gds, tmp_path / "x.gds", cover)
-    ordered = StatedLayers(cut=True)
-    assert failed(check_foreign(plate, job.camera, job.spec.limits, path, ordered=ordered)) == set()
-
-
 def test_a_die_that_is_not_there_is_refused(plate):
     with pytest.raises(JobError, match=r"MF105.*'NONE'.*PLAIN, TURNED"):
         only_die(plate, "NONE")
@@ -270,9 +255,7 @@ def test_the_command_refuses_what_it_cannot_do(capsys, gds, tmp_path, arguments,
 
 
 @pytest.mark.parametrize(
-    "shape",
-    [db.Text("nothing but a text", db.Trans(0, 0)), db.Box(0, 0, 0, 0)],
-    ids=["text", "no area"],
+    "shape", [db.Text("nothing but a text", db.Trans(0, 0)), db.Box(0, 0, 0, 0)], ids=["text", "no area"]
 )
 def test_a_file_in_which_nothing_is_clear_is_refused(job, plate, tmp_path, shape):
     path = drawn_alone(tmp_path / "dark.gds", shape)

@@ -17,7 +17,7 @@ from sweeps import sweep
 from maskfab.findings import foreign
 from maskfab.findings.foreign import check_foreign
 from maskfab.mask.comparison import faults
-from maskfab.mask.limits import children_seconds
+from maskfab.mask.process_limits import children_seconds
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 

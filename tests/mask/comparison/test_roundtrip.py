@@ -135,13 +135,7 @@ def test_a_lost_layer_is_a_difference_not_a_crash(small_plate, tmp_path):
     layout = plate_layout(small_plate)
     layout.clear_layer(layout.layer(1, 0))
     result = roundtrip(small_plate, plate_layout(small_plate), write(small_plate, tmp_path, "gds", layout))
-    assert {difference.owner for difference in result.differences} == {
-        "PERIODIC",
-        "DENSE",
-        "RANDOM",
-        "TITLE",
-        "CD_2UM",
-    }
+    assert {difference.owner for difference in result.differences} == {"PERIODIC", "DENSE", "RANDOM", "TITLE", "CD_2UM"}
     assert result.polygons == 0
 
 

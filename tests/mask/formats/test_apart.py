@@ -14,7 +14,8 @@ import fuzz_originals
 import pytest
 
 from maskfab.base.errors import OpeningError, SourceError
-from maskfab.mask import limits, sandbox
+from maskfab.mask import process_limits as limits
+from maskfab.mask import sandbox
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.sandbox import read_apart
 
@@ -87,7 +88,7 @@ sys.stdout.buffer.write(error_message(OpeningError("MF203", "it is closed", wher
 )
 def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
     code = (
-        "from pathlib import Path; from maskfab.mask.limits import limit_share\n"
+        "from pathlib import Path; from maskfab.mask.process_limits import limit_share\n"
         f"limit_share(Path(sys.argv[1]), {limits})\n{work}"
     )
     if stands:

@@ -18,7 +18,7 @@ from maskfab.mask.formats.content import find_cell, find_layer, rounding_nm
 from maskfab.mask.formats.picture import read_picture
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import count_shapes, left_out, region
-from maskfab.mask.limits import children_seconds
+from maskfab.mask.process_limits import children_seconds
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
 BOW = [(0, 0), (10, 10), (10, 0), (0, 10)]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.errors import InternalError, OpeningError, SourceError
 from maskfab.mask import sandbox
-from maskfab.mask.limits import allow
+from maskfab.mask.process_limits import allow
 from maskfab.mask.sandbox import answer_message, bounded, library_errors, read_apart
 
 pytestmark = pytest.mark.skipif(

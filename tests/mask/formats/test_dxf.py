@@ -35,12 +35,6 @@ def test_audit_finds_nothing(path, version, caplog):
     assert drawing.dxfversion == {"R12": "AC1009", "R2010": "AC1024"}[version]
 
 
-def test_two_writes_are_byte_identical(path, small_plate, tmp_path, version):
-    again = tmp_path / "again.dxf"
-    write_dxf(small_plate, again, version, ["made by a test", "two\nlines, 168 µm"])
-    assert path.read_bytes() == again.read_bytes()
-
-
 def test_options_of_ezdxf_are_left_as_they_were(path, version):
     assert ezdxf.options.write_fixed_meta_data_for_testing is False
 

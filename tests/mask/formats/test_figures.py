@@ -75,7 +75,7 @@ def test_the_account_is_what_the_layout_holds(small_plate, options):
     assert any("hole" in line for line in figures.account.lines())
 
 
-@every_option
+@pytest.mark.parametrize("options", EVERY[4::6], ids=str)
 @pytest.mark.parametrize(("write", "name"), [(write_gdsii, "x.gds"), (write_oasis, "x.oas")])
 def test_two_writes_are_byte_identical(small_plate, tmp_path, options, write, name):
     write(draw(small_plate, options).layout(), tmp_path / name)
@@ -199,13 +199,6 @@ def test_a_mark_that_cannot_be_cut_on_the_grid_is_refused(small_plate):
         draw(plate, PolygonOptions(max_vertices=4))
 
 
-@pytest.mark.parametrize("write", [write_gdsii, write_oasis])
-def test_nothing_is_left_where_nothing_can_be_written(small_plate, tmp_path, write):
-    with pytest.raises(OutputError, match="MF401"):
-        write(plate_layout(small_plate), tmp_path / "none" / "x.gds")
-    assert not list(tmp_path.iterdir())
-
-
 NAMES = {"CLEAR": "CHROME1", "CUT": "CHROME2"}
 
 
@@ -216,10 +209,6 @@ def test_dxf_under_other_names(small_plate, tmp_path, version, options):
     figures = draw(small_plate, options)
     write_dxf(figures, path, version, style=DrawingStyle(layer_names=NAMES))
     trip = roundtrip(
-        small_plate,
-        plate_layout(small_plate),
-        path,
-        drawn_polygons=figures.account.polygons,
-        layer_names=NAMES,
+        small_plate, plate_layout(small_plate), path, drawn_polygons=figures.account.polygons, layer_names=NAMES
     )
     assert all(quantity.passed is not False for quantity in trip.quantities())

@@ -7,7 +7,7 @@ import pytest
 from klayout import db
 
 from maskfab.base.model import CLEAR
-from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
+from maskfab.mask.formats.gdsii import write_gdsii
 from maskfab.mask.layout import plate_layout, region
 
 
@@ -18,13 +18,6 @@ def records(data):
         length, kind = struct.unpack_from(">HH", data, place)
         yield kind >> 8, data[place + 4 : place + length]
         place += length
-
-
-@pytest.mark.parametrize(("write", "name"), [(write_gdsii, "x.gds"), (write_oasis, "x.oas")])
-def test_two_writes_are_byte_identical(small_plate, tmp_path, write, name):
-    write(plate_layout(small_plate), tmp_path / name)
-    write(plate_layout(small_plate), tmp_path / f"again_{name}")
-    assert (tmp_path / name).read_bytes() == (tmp_path / f"again_{name}").read_bytes()
 
 
 def test_gdsii_has_no_time_stamps_and_ends_with_endlib(small_plate, tmp_path):

@@ -78,15 +78,10 @@ def test_one_region_for_each_polygon_each_closed(text, small_plate):
     assert text.count("G36*") == text.count("G37*") == text.count("D02*") == draw(small_plate).account.polygons
 
 
-def test_two_writes_are_byte_identical_and_no_larger_than_told(small_plate, tmp_path):
-    for name in ("x.gbr", "again.gbr"):
-        write_gerber(small_plate, tmp_path / name)
-    data = (tmp_path / "x.gbr").read_bytes()
-    assert data == (tmp_path / "again.gbr").read_bytes()
-    assert len(data) <= gerber_bytes(draw(small_plate))
-
-
-def test_what_is_too_large_is_refused_before_it_is_begun(small_plate, tmp_path):
+def test_a_file_is_no_larger_than_told_and_refused_before_it_is_begun(small_plate, tmp_path):
+    write_gerber(small_plate, tmp_path / "x.gbr")
+    assert (tmp_path / "x.gbr").stat().st_size <= gerber_bytes(draw(small_plate))
+    (tmp_path / "x.gbr").unlink()
     with pytest.raises(OutputError, match="MF415"):
         write_gerber(small_plate, tmp_path / "x.gbr", limit_bytes=1000)
     assert not list(tmp_path.iterdir())

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from klayout import rdb
 
+from maskfab.mask.design_rules import DesignRules
 from maskfab.mask.layout import plate_names
 from maskfab.mask.plate_rules import check_plate, write_markers
-from maskfab.mask.rule import DesignRules
 
 RULES = DesignRules(min_width_nm=5000, no_corner_touch=True, forbidden_names=("ring", "cd"), max_references=3)
 

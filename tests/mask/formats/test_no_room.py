@@ -1,4 +1,4 @@
-"""Every writer on a disk that is full, and killed half-way: nothing under the file's name, and the old file stays.
+"""Every writer: equal bytes for equal things; on a disk that is full, and killed half-way, the old file stays.
 
 The kernel's limit on the size of files stands for the disk. A process that has asked for its signal to be ignored is
 told by the failing write, as by a full disk; one that has not is killed on the spot, in the middle of its write.
@@ -32,7 +32,7 @@ from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.mask.formats.gdsii import write_gdsii, write_oasis
 from maskfab.mask.formats.gerber import write_gerber
 from maskfab.mask.formats.mesh import write_3mf, write_glb, write_stl
-from maskfab.mask.formats.picture import write_bilevel, write_preview
+from maskfab.mask.formats.picture import write_picture
 from maskfab.mask.formats.step import write_plate_step, write_step
 from maskfab.mask.formats.svg import write_svg
 from maskfab.mask.job import load_job
@@ -65,8 +65,8 @@ def cases(plate, aside: Path) -> dict[str, Case]:
         "gerber": Case(".gbr", lambda path: write_gerber(figures, path)),
         "cif": Case(".cif", lambda path: write_cif(figures, path)),
         "svg": Case(".svg", lambda path: write_svg(figures, path)),
-        "png": Case(".png", lambda path: write_preview(plate, path, 0.25, die=die.name)),
-        "tiff": Case(".tif", lambda path: write_bilevel(plate, path, 1.0, die=die.name)),
+        "png": Case(".png", lambda path: write_picture(plate, path, 0.25, die=die.name)),
+        "tiff": Case(".tif", lambda path: write_picture(plate, path, 1.0, die=die.name)),
         "picture": Case(".png", lambda path: write_png(light(), path)),
         "exr": Case(".exr", lambda path: write_exr(light(), path, {})),
         "step": Case(".step", lambda path: write_step(die, path)),
@@ -141,6 +141,19 @@ def killed_script(limit: int, script: str, *arguments: object) -> subprocess.Com
 
 def test_every_writer_is_tried(writers):
     assert tuple(writers) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_two_writes_are_byte_identical_and_none_is_begun_without_a_folder(writers, tmp_path, name):
+    case = writers[name]
+    for stem in ("one", "other"):
+        case.write(tmp_path / f"{stem}{case.suffix}")
+    written = listing(tmp_path)
+    assert len(written) == 2
+    assert len(set(written.values())) == 1
+    with pytest.raises(OutputError, match="MF401"):
+        case.write(tmp_path / "none" / f"x{case.suffix}")
+    assert listing(tmp_path) == written
 
 
 @pytest.mark.parametrize("name", NAMES)

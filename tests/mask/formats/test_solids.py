@@ -224,12 +224,6 @@ def test_a_cell_without_chrome_is_refused(tmp_path, format_):
     WRITERS[format_](framed, tmp_path / f"x.{format_}", [])
 
 
-@pytest.mark.parametrize("format_", WRITERS)
-def test_a_place_that_cannot_be_written_is_an_error(small_plate, tmp_path, format_):
-    with pytest.raises(OutputError, match="MF401"):
-        WRITERS[format_](small_plate.dies[0], tmp_path / "none" / f"x.{format_}")
-
-
 def test_an_stl_is_refused_by_its_exact_size_before_it_is_written(small_plate, tmp_path):
     die, path = small_plate.dies[1], tmp_path / "x.stl"
     write_stl(die, tmp_path / "known.stl")

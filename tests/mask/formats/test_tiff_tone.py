@@ -10,7 +10,7 @@ from PIL import Image
 
 from maskfab.base.errors import SourceError
 from maskfab.mask.formats.picture import read_levels
-from maskfab.mask.opening import from_image
+from maskfab.mask.opening_masks import from_image
 
 PIXELS = bytes([255, 0, 0, 255, 255, 0, 0, 0, 255])
 SHORT = 3

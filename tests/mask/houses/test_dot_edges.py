@@ -88,9 +88,7 @@ def test_edges_are_judged_by_the_order_or_else_by_the_house_and_told_what_would_
 
 def test_a_house_states_the_dots_of_its_plotter(tmp_path):
     house = parse_shop(
-        'title = "Film"\nsources = []\n[accepts]\nformats = ["plate_tiff"]\ndpi = [6350, 12700]\n',
-        "film",
-        where="film",
+        'title = "Film"\nsources = []\n[accepts]\nformats = ["plate_tiff"]\ndpi = [6350, 12700]\n', "film", where="film"
     )
     made = pack(plotted(tmp_path, None), house, tmp_path / "film.zip")
     assert made.path is not None

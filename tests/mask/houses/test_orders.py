@@ -19,6 +19,7 @@ from maskfab.base.model import CHROME, CLEAR, LAYERS, Mark
 from maskfab.job.order import OrderSection
 from maskfab.job.shop import dump_shop, parse_shop
 from maskfab.mask.comparison.files import compare_mask, read_mask
+from maskfab.mask.composition import mirrored
 from maskfab.mask.figures import CUT, PolygonOptions, draw
 from maskfab.mask.houses.adaptation import fitted
 from maskfab.mask.houses.files import files_of_job
@@ -27,7 +28,6 @@ from maskfab.mask.houses.profiles import load_shop, shop_names
 from maskfab.mask.job import load_job
 from maskfab.mask.layout import layer_info, plate_layout, region
 from maskfab.mask.package.pack import pack, verify_package
-from maskfab.mask.plate import mirrored
 from maskfab.mask.plate_rules import smallest_of_plate
 from maskfab.runs.pipeline import run
 from maskfab.runs.stages import measure_process

@@ -141,10 +141,7 @@ SABOTAGES = {
         with_mark("FIDUCIAL_NE", lambda old: moved(old, 0, -1000)),
         ("judged_marks", None, "FIDUCIAL_NE lies +0 nm along x and -1000 nm along y from its place"),
     ),
-    "fiducial dropped": (
-        with_mark("FIDUCIAL_NW", lambda old: ()),
-        ("judged_marks", None, "FIDUCIAL_NW is missing"),
-    ),
+    "fiducial dropped": (with_mark("FIDUCIAL_NW", lambda old: ()), ("judged_marks", None, "FIDUCIAL_NW is missing")),
     "alignment cross moved by 10 um": (
         with_mark("ALIGN_W", lambda old: moved(old, 10_000, 0)),
         ("judged_marks", None, "ALIGN_W lies +10000 nm along x"),
@@ -194,26 +191,14 @@ SABOTAGES = {
         with_mark("TITLE", lambda old: (*old, *moved((((0, 0), (0, 9), (9, 9), (9, 0)),), *further(old)))),
         ("judged_marks", None, "TITLE has something beside its lines"),
     ),
-    "data matrix dropped": (
-        with_mark("JOB_CODE", lambda old: ()),
-        ("judged_text", None, "JOB_CODE is missing"),
-    ),
-    "parity F mirrored": (
-        with_mark("PARITY", flipped),
-        ("judged_marks", None, "PARITY is mirrored"),
-    ),
-    "label mirrored": (
-        with_mark("LABEL_D1", flipped),
-        ("judged_text", None, "LABEL_D1 reads "),
-    ),
+    "data matrix dropped": (with_mark("JOB_CODE", lambda old: ()), ("judged_text", None, "JOB_CODE is missing")),
+    "parity F mirrored": (with_mark("PARITY", flipped), ("judged_marks", None, "PARITY is mirrored")),
+    "label mirrored": (with_mark("LABEL_D1", flipped), ("judged_text", None, "LABEL_D1 reads ")),
     "label moved by 1 nm": (
         with_mark("LABEL_D0", lambda old: moved(old, 0, 1)),
         ("judged_text", None, "LABEL_D0 'D0  DIE 0' is not drawn as letters are, or not at its place"),
     ),
-    "label dropped": (
-        with_mark("LABEL_D0", lambda old: ()),
-        ("judged_text", None, "LABEL_D0 'D0  DIE 0' is missing"),
-    ),
+    "label dropped": (with_mark("LABEL_D0", lambda old: ()), ("judged_text", None, "LABEL_D0 'D0  DIE 0' is missing")),
     "labels exchanged": (
         with_mark("LABEL_D0", lambda old: fitted_text("D1  die 1", 420_000, LABEL, 500_000)),
         ("judged_text", None, "LABEL_D0 reads 'D1  DIE 1', not 'D0  DIE 0'"),

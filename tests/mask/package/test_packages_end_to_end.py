@@ -13,7 +13,6 @@ import struct
 import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from house_plates import taken_as
 from klayout import db
@@ -343,7 +342,7 @@ def test_a_package_without_its_manifest_is_none(capsys, whole, tmp_path):
 HOSTILE_NAMES = [
     "../x", "SMALL_ualberta_mla150/../x", "SMALL_ualberta_mla150/../../x", "/etc/x", "//host/x", "C:/x", "C:x",
     "SMALL_ualberta_mla150\\x", "..\\x", "x", "SMALL_ualberta_mla150/deep/x", "SMALL_ualberta_mla150/", "other/x",
-    "SMALL_ualberta_mla150/order.txt", "SMALL_ualberta_mla150/ORDER.TXT", "./SMALL_ualberta_mla150/x/..", "..", ".",
+    "SMALL_ualberta_mla150/order.txt", "SMALL_ualberta_mla150/ORDER.TXT", "./SMALL_ualberta_mla150/x/..", "..", ".", "",
 ]  # fmt: skip
 
 
@@ -354,7 +353,7 @@ def test_a_member_that_would_leave_its_folder_is_refused_before_anything_is_writ
     folder.mkdir()
     path = repacked(whole[1], folder / "q.zip", lambda _, c: c)
     with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr(name, b"evil")
+        archive.writestr(zipfile.ZipInfo(name), b"evil")
     before = listing(tmp_path)
     code, said = told(capsys, path)
     assert (code, said in {"MF422", "MF423"}) == (2, True)
@@ -593,8 +592,3 @@ def test_equal_plates_are_equal_packages_whatever_their_time(whole, tmp_path, mo
     monkeypatch.setenv("TZ", "Asia/Kathmandu")
     pack(load_job(job), load_shop("ualberta_mla150"), tmp_path / "q.zip", ("gdsii",))
     assert (tmp_path / "q.zip").read_bytes() == package.read_bytes()
-
-
-def test_dots_of_the_frame_are_counted_right():
-    mask = np.array([[character == "#" for character in row] for row in FRAME.split()])
-    assert mask.sum() * CELLS**2 * DOT_NM**2 == DIE_AREA_NM2

@@ -203,20 +203,14 @@ class DesignRules:
             numbers = value if field.name == "extent_nm" and value is not None else (value,)
             for number in numbers:
                 if isinstance(number, int) and not isinstance(number, bool) and number <= 0:
-                    raise JobError(
-                        "MF417",
-                        f"the design rule {field.name} is {number}; it must be positive",
-                        cure="Give a positive number, or leave the rule out",
-                    )
+                    what = f"the design rule {field.name} is {number}; it must be positive"
+                    raise JobError("MF417", what, cure="Give a positive number, or leave the rule out")
         if self.name_pattern is not None:
             try:
                 re.compile(self.name_pattern)
             except re.error as error:
-                raise JobError(
-                    "MF417",
-                    f"the design rule name_pattern is {self.name_pattern!r}, no regular expression: {error}",
-                    cure='Correct the expression, for example "[A-Z][A-Z0-9_]*"',
-                ) from error
+                what = f"the design rule name_pattern is {self.name_pattern!r}, no regular expression: {error}"
+                raise JobError("MF417", what, cure='Correct the expression, for example "[A-Z][A-Z0-9_]*"') from error
 
     @property
     def reach_nm(self) -> int:

@@ -28,7 +28,6 @@ def limit_share(
         memory: in bytes, for any file.
         memory_per_byte: of the file, besides.
         seconds: of the processor, for any file.
-        bytes_per_second: of the file, which may take so much longer.
     """
     end_with_starter()
     size = os.path.getsize(path)

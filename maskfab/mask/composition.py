@@ -31,42 +31,8 @@ from maskfab.base.model import (
 )
 from maskfab.base.units import NM_PER_MM, NM_PER_UM, to_nm
 from maskfab.job.sections import JobSpec, PlateSection
+from maskfab.mask import marks as of_marks
 from maskfab.mask.dots import smallest_runs
-from maskfab.mask.marks import (
-    HEIGHT,
-    WIDTH,
-    AlignmentSection,
-    AnyMark,
-    BarsSection,
-    BoardSection,
-    CodeSection,
-    CornersSection,
-    DrawnMarks,
-    FiducialSection,
-    LinesSection,
-    MapSection,
-    MarkSection,
-    ParitySection,
-    PlateTemplate,
-    Setting,
-    StarSection,
-    TitleSection,
-    alignment_cross,
-    bounding_box,
-    box_at,
-    cd_bars,
-    checkerboards,
-    code_text,
-    corner_letters,
-    data_matrix,
-    fiducial,
-    inner_radius_nm,
-    line_space,
-    parity_mark,
-    plate_template,
-    rectangle,
-    siemens_star,
-)
 from maskfab.mask.outlines import fitted_text, text_polygons, text_width_nm
 from maskfab.mask.panels import die_panels, laid_out
 
@@ -80,18 +46,14 @@ def check_dies(dies: Sequence[Die], grid_nm: int, *, where: str) -> None:
         JobError: MF104 for a grid coarser than 1 um, MF107 for the first length that is no multiple of it.
     """
     if grid_nm > LARGEST_GRID_NM:
-        raise JobError(
-            "MF104", f"a data grid of {grid_nm} nm is coarser than 1 um", where=where, cure="Use at most 1 um"
-        )
+        what = f"a data grid of {grid_nm} nm is coarser than 1 um"
+        raise JobError("MF104", what, where=where, cure="Use at most 1 um")
     for die in dies:
         for name, value_nm in _lengths(die):
             if value_nm % grid_nm:
-                raise JobError(
-                    "MF107",
-                    f"the {name} of die {die.name} is {value_nm} nm, no multiple of the data grid of {grid_nm} nm",
-                    where=where,
-                    cure="Use a finer grid, or a dot, a gutter and a die_pitch that are multiples of twice the grid",
-                )
+                what = f"the {name} of die {die.name} is {value_nm} nm, no multiple of the data grid of {grid_nm} nm"
+                cure = "Use a finer grid, or a dot, a gutter and a die_pitch that are multiples of twice the grid"
+                raise JobError("MF107", what, where=where, cure=cure)
 
 
 def lies_on(die: Die, grid_nm: int) -> bool:
@@ -115,9 +77,7 @@ def snapped(plate: Plate, grid_nm: int) -> Plate:
     moves = np.hypot(off[:, 0], off[:, 1])
     before = plate.snapped or Snapping(grid_nm, 0, 0.0)
     moved = Snapping(
-        grid_nm,
-        before.vertices + int(np.count_nonzero(moves)),
-        before.farthest_nm + float(moves.max(initial=0.0)),
+        grid_nm, before.vertices + int(np.count_nonzero(moves)), before.farthest_nm + float(moves.max(initial=0.0))
     )
 
     def nearest(polygon: Polygon) -> Polygon:
@@ -198,11 +158,7 @@ def title_block(
     """A title centred on the anchor, with lines of smaller letters below.
 
     Args:
-        title: first line.
-        lines: further lines.
         anchor_nm: middle of the title's base line.
-        height_nm: height of the title's letters.
-        small_nm: height of the other letters.
         room_nm: widest that a line may be; a longer one is made smaller.
     """
     x, y = anchor_nm
@@ -244,7 +200,6 @@ def die_map(
 
     Args:
         side_nm: of the drawn blank.
-        line_nm: width of the frames.
         blank_nm: side of the true blank.
         die_pitch_nm: true distance from die to die.
     """
@@ -278,9 +233,9 @@ def die_map(
 
 def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
     """Two brackets with two widths of their line between their tips, or a full square where they would not be told."""
-    x0, y0, x1, y1 = box_at(centre, (side, side))
+    x0, y0, x1, y1 = of_marks.box_at(centre, (side, side))
     if side < 8 * line:
-        return (rectangle((x0, y0, x1, y1)),)
+        return (of_marks.rectangle((x0, y0, x1, y1)),)
     inner, outer = x0 + line, centre[0] - line
     lower = ((x0, y0), (outer, y0), (outer, y0 + line), (inner, y0 + line))
     left: Polygon = (*lower, (inner, y1 - line), (outer, y1 - line), (outer, y1), (x0, y1))
@@ -294,10 +249,10 @@ def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Mark]
     named += [(f"SLOT_{die.name}", die.centre_nm, die.slot_nm) for die in dies]
     marks, line = [], _OUTLINE_NM
     for name, centre, side in named:
-        x0, y0, x1, y1 = box_at(centre, (side, side))
+        x0, y0, x1, y1 = of_marks.box_at(centre, (side, side))
         bars = [(x0, y0, x1, y0 + line), (x0, y1 - line, x1, y1)]
         bars += [(x0, y0 + line, x0 + line, y1 - line), (x1 - line, y0 + line, x1, y1 - line)]
-        marks.append(Mark(f"OUTLINE_{name}", "outline", OUTLINE, tuple(map(rectangle, bars))))
+        marks.append(Mark(f"OUTLINE_{name}", "outline", OUTLINE, tuple(map(of_marks.rectangle, bars))))
     return marks
 
 
@@ -307,9 +262,11 @@ def check_clearances(dies: Sequence[Die], marks: Sequence[Mark], writable_nm: in
     Raises:
         JobError: MF108 if one leaves the writable area, MF126 if two overlap.
     """
-    boxes = [(f"die {die.name!r}", box_at(die.centre_nm, (die.slot_nm, die.slot_nm))) for die in dies]
+    boxes = [(f"die {die.name!r}", of_marks.box_at(die.centre_nm, (die.slot_nm, die.slot_nm))) for die in dies]
     boxes += [
-        (f"mark {mark.name!r}", bounding_box(mark.polygons)) for mark in marks if mark.layer.written and mark.polygons
+        (f"mark {mark.name!r}", of_marks.bounding_box(mark.polygons))
+        for mark in marks
+        if mark.layer.written and mark.polygons
     ]
     half, cure = writable_nm // 2, "Use smaller or fewer dies, a closer die_pitch, or a larger plate"
     for name, (x0, y0, x1, y1) in boxes:
@@ -339,7 +296,7 @@ _CD_MULTIPLES = (1, 2, 5)
 _CD_LENGTH_NM = 500_000
 
 
-def plain_marks(setting: Setting) -> DrawnMarks:
+def plain_marks(setting: of_marks.Setting) -> of_marks.DrawnMarks:
     """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
     written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
@@ -347,22 +304,22 @@ def plain_marks(setting: Setting) -> DrawnMarks:
     lines = (f"{maker(setting.signature)} | digitized data = {setting.tone}",)
     room_nm = setting.writable_nm - 4 * MARGIN_NM
     anchor = (0, corner - TITLE_HEIGHT_NM // 2)
-    bars = cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
+    bars = of_marks.cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
     marks = (
         title_block("TITLE", setting.title, lines, anchor, TITLE_HEIGHT_NM, _SMALL_NM, room_nm),
         *(label(die) for die in setting.dies),
-        *(fiducial(f"FIDUCIAL_{name}", at, _FIDUCIAL_NM, _FIDUCIAL_LINE_NM) for name, at in places.items()),
-        parity_mark("PARITY", (-corner + 2 * MARGIN_NM, -corner), _PARITY_NM),
+        *(of_marks.fiducial(f"FIDUCIAL_{name}", at, _FIDUCIAL_NM, _FIDUCIAL_LINE_NM) for name, at in places.items()),
+        of_marks.parity_mark("PARITY", (-corner + 2 * MARGIN_NM, -corner), _PARITY_NM),
         *bars.marks,
         *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
     )
-    return DrawnMarks(marks, bars.gauges)
+    return of_marks.DrawnMarks(marks, bars.gauges)
 
 
 _CAPTION_NM = 150_000
 
 
-def templated(template: PlateTemplate, setting: Setting, *, where: str) -> DrawnMarks:
+def templated(template: of_marks.PlateTemplate, setting: of_marks.Setting, *, where: str) -> of_marks.DrawnMarks:
     """Every mark of a template, then labels and outlines.
 
     Raises:
@@ -373,7 +330,7 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
         figures = _captioned(mark, _draw(mark, template, setting, where), setting)
         _check_room(mark, figures, where)
         drawn.append(figures)
-    return DrawnMarks(
+    return of_marks.DrawnMarks(
         (
             *(figure for template_part in drawn for figure in template_part.marks),
             *(label(die) for die in setting.dies),
@@ -383,35 +340,41 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
     )
 
 
-def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> DrawnMarks:
+def _draw(
+    mark: of_marks.AnyMark, template: of_marks.PlateTemplate, setting: of_marks.Setting, where: str
+) -> of_marks.DrawnMarks:
     name, (x, y), (x0, y0, x1, y1) = mark.name, mark.centre_nm, mark.room_nm
     centre, feature = (x, y), setting.feature_nm
     match mark:
-        case BarsSection():
-            return cd_bars(name, centre, feature, mark.multiples, to_nm(mark.length))
-        case LinesSection():
-            return line_space(name, centre, feature, mark.multiples, mark.lines, to_nm(mark.length))
-        case BoardSection():
-            return checkerboards(name, centre, feature, mark.multiples, mark.squares)
-        case CornersSection():
-            return corner_letters(name, centre, feature, mark.multiples)
-        case FiducialSection():
-            drawn = fiducial(name, centre, to_nm(mark.length), to_nm(mark.line))
-        case AlignmentSection():
-            drawn = alignment_cross(name, centre, to_nm(mark.length), to_nm(mark.line))
-        case ParitySection():
+        case of_marks.BarsSection():
+            return of_marks.cd_bars(name, centre, feature, mark.multiples, to_nm(mark.length))
+        case of_marks.LinesSection():
+            return of_marks.line_space(name, centre, feature, mark.multiples, mark.lines, to_nm(mark.length))
+        case of_marks.BoardSection():
+            return of_marks.checkerboards(name, centre, feature, mark.multiples, mark.squares)
+        case of_marks.CornersSection():
+            return of_marks.corner_letters(name, centre, feature, mark.multiples)
+        case of_marks.FiducialSection():
+            drawn = of_marks.fiducial(name, centre, to_nm(mark.length), to_nm(mark.line))
+        case of_marks.AlignmentSection():
+            drawn = of_marks.alignment_cross(name, centre, to_nm(mark.length), to_nm(mark.line))
+        case of_marks.ParitySection():
             height = to_nm(mark.height)
-            drawn = parity_mark(name, (x - height * WIDTH // HEIGHT // 2, y - height // 2), height)
-        case TitleSection():
+            drawn = of_marks.parity_mark(
+                name, (x - height * of_marks.WIDTH // of_marks.HEIGHT // 2, y - height // 2), height
+            )
+        case of_marks.TitleSection():
             # Tone and parity in the words of mask houses, and the blank.
             side, thickness = (value * NM_PER_UM / NM_PER_MM for value in (template.blank, template.thickness))
             reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
             lines = (maker(setting.signature), f"{reading} | {side:g} x {side:g} x {thickness:g} mm")
             height, small, room_nm = to_nm(mark.height), to_nm(mark.small), _for_text(mark)
             drawn = title_block(name, setting.title, lines, (x, y1 - height), height, small, room_nm)
-        case CodeSection():
-            drawn = data_matrix(name, centre, code_text(setting.signature, setting.digest), to_nm(mark.module))
-        case MapSection():
+        case of_marks.CodeSection():
+            drawn = of_marks.data_matrix(
+                name, centre, of_marks.code_text(setting.signature, setting.digest), to_nm(mark.module)
+            )
+        case of_marks.MapSection():
             drawn = die_map(
                 name,
                 centre,
@@ -421,53 +384,49 @@ def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) 
                 die_pitch_nm=setting.die_pitch_nm,
                 dies=setting.dies,
             )
-        case StarSection():
-            inner = inner_radius_nm(feature, mark.spokes)
+        case of_marks.StarSection():
+            inner = of_marks.inner_radius_nm(feature, mark.spokes)
             if inner >= to_nm(mark.radius):
-                raise JobError(
-                    "MF126",
+                what = (
                     f"spokes of the star {mark.name!r} are {feature / NM_PER_UM:g} um wide at {inner / NM_PER_UM:g} um "
-                    f"from its centre, and it ends at {mark.radius:g} um",
-                    where=where,
-                    cure="Give it a larger radius, or fewer spokes",
+                    f"from its centre, and it ends at {mark.radius:g} um"
                 )
-            drawn = siemens_star(name, centre, feature, to_nm(mark.radius), mark.spokes)
-    return DrawnMarks((drawn,))
+                raise JobError("MF126", what, where=where, cure="Give it a larger radius, or fewer spokes")
+            drawn = of_marks.siemens_star(name, centre, feature, to_nm(mark.radius), mark.spokes)
+    return of_marks.DrawnMarks((drawn,))
 
 
-def _captioned(mark: AnyMark, drawn: DrawnMarks, setting: Setting) -> DrawnMarks:
+def _captioned(mark: of_marks.AnyMark, drawn: of_marks.DrawnMarks, setting: of_marks.Setting) -> of_marks.DrawnMarks:
     """Test figures with a line at the bottom of their room that says which they are, and multiples of what."""
     feature = f"{setting.feature_nm / NM_PER_UM:g} um"
     match mark:
-        case BarsSection() | LinesSection() | BoardSection() | CornersSection():
+        case of_marks.BarsSection() | of_marks.LinesSection() | of_marks.BoardSection() | of_marks.CornersSection():
             text = f"{mark.name}  {feature} x {', '.join(f'{multiple:g}' for multiple in mark.multiples)}"
-        case StarSection():
+        case of_marks.StarSection():
             text = f"{mark.name}  {feature} inside"
         case _:
             return drawn
     anchor = mark.centre_nm[0], mark.room_nm[1]
     caption = fitted_text(text, _CAPTION_NM, anchor, _for_text(mark))
-    return DrawnMarks((*drawn.marks, Mark(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
+    return of_marks.DrawnMarks((*drawn.marks, Mark(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
 
 
-def _for_text(mark: MarkSection) -> int:
+def _for_text(mark: of_marks.MarkSection) -> int:
     """Width of a room less what letters may gain when their height is rounded to the font's steps."""
     x0, _, x1, _ = mark.room_nm
     return (x1 - x0) * 999 // 1000
 
 
-def _check_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> None:
-    boxes = [bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
+def _check_room(mark: of_marks.MarkSection, drawn: of_marks.DrawnMarks, where: str) -> None:
+    boxes = [of_marks.bounding_box(figure.polygons) for figure in drawn.marks if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
     if over > 0:
-        raise JobError(
-            "MF126",
+        what = (
             f"the mark {mark.name!r} leaves its room of {mark.room[0]:g} x {mark.room[1]:g} um by {over / NM_PER_UM:g} "
-            "um on this plate",
-            where=where,
-            cure="Give it a larger room in the template",
+            "um on this plate"
         )
+        raise JobError("MF126", what, where=where, cure="Give it a larger room in the template")
 
 
 _LARGEST_FEATURE_NM = 50_000
@@ -477,7 +436,6 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     """Lay a job out as a plate.
 
     Args:
-        spec: a validated job with [plate] and at least one [[die]].
         signature: who made this from what, noted in the files.
 
     Raises:
@@ -487,7 +445,11 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
             template cannot be used, is unknown, or contradicts the job.
     """
     heading, section = laid_out(spec, where=where)
-    template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
+    template = (
+        None
+        if section.template is None
+        else of_marks.plate_template(section.template, where=f"{where}: plate.template")
+    )
     faults = Faults()
     blank_nm = writable_nm = 0
     with faults:
@@ -515,7 +477,7 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
         )
         for i, die in enumerate(spec.die)
     )
-    setting = Setting(
+    setting = of_marks.Setting(
         title=heading.title,
         signature=signature,
         digest=provenance.job_hash(spec.drawn()),
@@ -542,30 +504,22 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     return snapped(plate, grid_nm) if grid_nm > 1 else plate
 
 
-def _side(section: PlateSection, template: PlateTemplate | None, key: str, where: str) -> int:
+def _side(section: PlateSection, template: of_marks.PlateTemplate | None, key: str, where: str) -> int:
     """Blank or writable area in nanometres, from the job or its template, which do not contradict each other."""
     stated: float | None = getattr(section, key)
     given: float | None = None if template is None else getattr(template, key)
     chosen = given if stated is None else stated
     if chosen is None:
-        raise JobError(
-            "MF105",
-            f"the key 'plate.{key}' is missing, and no template says it",
-            where=f"{where}: plate.{key}",
-            cure=f'Add {key}, or template = "5in"',
-        )
+        what = f"the key 'plate.{key}' is missing, and no template says it"
+        raise JobError("MF105", what, where=f"{where}: plate.{key}", cure=f'Add {key}, or template = "5in"')
     if given is not None and abs(chosen - given) * NM_PER_UM > 1e-6:
-        raise JobError(
-            "MF126",
-            f"{key} is {chosen:.10g} um, and the template {section.template!r} says {given:.10g} um",
-            where=f"{where}: plate.{key}",
-            cure=f"Remove {key}, or the template",
-        )
+        what = f"{key} is {chosen:.10g} um, and the template {section.template!r} says {given:.10g} um"
+        raise JobError("MF126", what, where=f"{where}: plate.{key}", cure=f"Remove {key}, or the template")
     return to_nm(chosen, where=f"{where}: plate.{key}", name=key)
 
 
 def _check_rooms(
-    section: PlateSection, template: PlateTemplate | None, count: int, sides_nm: tuple[int, int], where: str
+    section: PlateSection, template: of_marks.PlateTemplate | None, count: int, sides_nm: tuple[int, int], where: str
 ) -> None:
     """Refuse what cannot fit (MF108) before panels are made; marks of a template are looked at when they are drawn."""
     blank_nm, writable_nm = sides_nm

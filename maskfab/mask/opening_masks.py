@@ -69,28 +69,21 @@ def mask_of_lines(lines: Rows, where: str) -> Mask:
     """
     rows = _trimmed([(number, line.rstrip()) for number, line in lines])
     if not rows:
-        raise OpeningError(
-            "MF201", "the grid has 0 lines", where=where, cure=f"Draw it with {CLOSED!r} and {CLEAR!r}, one line a row"
-        )
+        what = "the grid has 0 lines"
+        raise OpeningError("MF201", what, where=where, cure=f"Draw it with {CLOSED!r} and {CLEAR!r}, one line a row")
     for number, row in rows:
         for column, character in enumerate(row, start=1):
             if character not in (CLOSED, CLEAR):
-                raise OpeningError(
-                    "MF202",
+                what = (
                     f"line {number}, column {column}: {character!r} is neither {CLOSED!r} (opaque) nor {CLEAR!r} "
-                    "(clear)",
-                    where=where,
-                    cure="Replace it",
+                    "(clear)"
                 )
+                raise OpeningError("MF202", what, where=where, cure="Replace it")
     width = Counter(len(row) for _, row in rows).most_common(1)[0][0]
     for number, row in rows:
         if len(row) != width:
-            raise OpeningError(
-                "MF201",
-                f"line {number} has {len(row)} dots where the others have {width}",
-                where=where,
-                cure=f"Give every line {width} characters",
-            )
+            what = f"line {number} has {len(row)} dots where the others have {width}"
+            raise OpeningError("MF201", what, where=where, cure=f"Give every line {width} characters")
     check_square(len(rows), width, where)
     check_dots(width, where)
     return np.array([[character == CLEAR for character in row] for _, row in reversed(rows)], dtype=np.bool_)
@@ -138,13 +131,12 @@ def _of_image(image: Any, where: str) -> Mask:
             what = f"the image has {spec.nchannels} channels; the limit is {MOST_CHANNELS}"
             raise OpeningError("MF202", what, where=where, cure="Save it as a grey image")
         if (spec.x, spec.y, spec.width, spec.height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
-            raise OpeningError(
-                "MF201",
+            what = (
                 f"the image stores {spec.width} x {spec.height} pixels at ({spec.x}, {spec.y}) of a picture of "
-                f"{spec.full_width} x {spec.full_height}",
-                where=where,
-                cure="Save the whole picture, with equal data and display windows",
+                f"{spec.full_width} x {spec.full_height}"
             )
+            cure = "Save the whole picture, with equal data and display windows"
+            raise OpeningError("MF201", what, where=where, cure=cure)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -195,23 +187,15 @@ def from_array(given: ArrayLike, where: str, *, threshold: float | None = None, 
         what, square = "the rows of the array differ in length", "Give one square array, [dots, dots]"
         raise OpeningError("MF201", what, where=where, cure=square) from None
     if values.ndim != 2 or not values.size:
-        raise OpeningError(
-            "MF201",
-            f"the array has the shape {values.shape}; an opening has [dots, dots]",
-            where=where,
-            cure="Give one square array, [dots, dots]",
-        )
+        what = f"the array has the shape {values.shape}; an opening has [dots, dots]"
+        raise OpeningError("MF201", what, where=where, cure="Give one square array, [dots, dots]")
     rows, columns = values.shape
     check_square(rows, columns, where)
     check_dots(rows, where)
     if values.dtype.kind not in "buif":
         real = "the real part or the modulus, as " if values.dtype.kind == "c" else ""
-        raise OpeningError(
-            "MF202",
-            f"the array's values are of type {values.dtype}",
-            where=where,
-            cure=f"Give {real}bool values, or 0 and 1",
-        )
+        what = f"the array's values are of type {values.dtype}"
+        raise OpeningError("MF202", what, where=where, cure=f"Give {real}bool values, or 0 and 1")
     _refuse(~np.isfinite(values), values, "is not finite", where)
     if threshold is not None:
         return np.asarray(values >= threshold)
@@ -262,9 +246,8 @@ def _of_polygons(
         raise SourceError("MF309", "the layer has no polygons", where=where, cure="Name the layer that is clear")
     cure = f"Draw it on a grid of {dot_nm / NM_PER_UM:g} um, or state the dots and dot_nm that it was drawn with"
     if rounding_nm(layout) > 0:
-        raise OpeningError(
-            "MF205", f"a corner is {rounding_nm(layout):.3g} nm off the grid of 1 nm", where=where, cure=cure
-        )
+        what = f"a corner is {rounding_nm(layout):.3g} nm off the grid of 1 nm"
+        raise OpeningError("MF205", what, where=where, cure=cure)
     box = clear.bbox()
     pitch_nm = CellSize(dots, dot_nm).pitch_nm
     corner = -(pitch_nm // 2) if min(box.left, box.bottom) < 0 else 0
@@ -282,46 +265,32 @@ def _of_polygons(
     off = np.minimum(rest, dot_nm - rest).max(axis=1)
     deviation, x, y = max(zip(off.tolist(), *points.T.tolist(), strict=True))
     if deviation:
-        raise OpeningError(
-            "MF205",
-            f"the corner at ({x}, {y}) nm is {deviation} nm off the grid of {dot_nm} nm",
-            where=where,
-            cure=cure,
-        )
+        what = f"the corner at ({x}, {y}) nm is {deviation} nm off the grid of {dot_nm} nm"
+        raise OpeningError("MF205", what, where=where, cure=cure)
     edges = corner + dot_nm * np.arange(dots + 1, dtype=np.float64)
     share = coverage(clear, edges, edges)
     worst = np.unravel_index(np.argmax(np.minimum(share, 1 - share)), share.shape)
     if 1e-9 < share[worst] < 1 - 1e-9:  # corners on the grid, but an oblique edge between them
         row, column = (int(i) for i in worst)
-        raise OpeningError(
-            "MF205",
-            f"an oblique edge covers {share[worst]:.3f} of the dot in row {row} from below, column {column} from left",
-            where=where,
-            cure=cure,
+        what = (
+            f"an oblique edge covers {share[worst]:.3f} of the dot in row {row} from below, column {column} from left"
         )
+        raise OpeningError("MF205", what, where=where, cure=cure)
     return np.asarray(share > 0.5)
 
 
 def check_square(rows: int, columns: int, where: str) -> None:
     """Refuse a mask that is not square (MF201)."""
     if rows != columns:
-        raise OpeningError(
-            "MF201",
-            f"the grid has {rows} rows of {columns} dots; a display pixel is square",
-            where=where,
-            cure=f"Give it {columns} rows, or {rows} dots in every row",
-        )
+        what = f"the grid has {rows} rows of {columns} dots; a display pixel is square"
+        raise OpeningError("MF201", what, where=where, cure=f"Give it {columns} rows, or {rows} dots in every row")
 
 
 def check_dots(dots: int, where: str) -> None:
     """Refuse a mask larger than any display pixel needs (MF115)."""
     if dots > MAX_DOTS:
-        raise JobError(
-            "MF115",
-            f"{dots} dots along a side; one opening may have {MAX_DOTS}",
-            where=where,
-            cure="Use larger dots, or crop the file to one display pixel",
-        )
+        what = f"{dots} dots along a side; one opening may have {MAX_DOTS}"
+        raise JobError("MF115", what, where=where, cure="Use larger dots, or crop the file to one display pixel")
 
 
 def _trimmed(rows: Rows) -> Rows:
@@ -333,12 +302,8 @@ def _trimmed(rows: Rows) -> Rows:
 def _refuse(wrong: Mask, values: NDArray[Any], problem: str, where: str) -> None:
     if wrong.any():
         row, column = (int(i) for i in np.argwhere(wrong)[0])
-        raise OpeningError(
-            "MF202",
-            f"the value {values[row, column]} at [{row}, {column}] {problem} ({int(wrong.sum())} such values)",
-            where=where,
-            cure=_SAVE,
-        )
+        what = f"the value {values[row, column]} at [{row}, {column}] {problem} ({int(wrong.sum())} such values)"
+        raise OpeningError("MF202", what, where=where, cure=_SAVE)
 
 
 def _damaged(where: str, problem: str) -> SourceError:
@@ -401,7 +366,6 @@ def stripe(dots: int, width_dots: int, clear_dots: int | None = None) -> Mask:
     """A vertical slit, centred; where the parities differ, half a dot left of or below the centre.
 
     Args:
-        dots: dots along the cell's side.
         clear_dots: its area; without it the slit runs through the whole cell.
 
     Raises:
@@ -428,7 +392,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
     rectangle. Large blobs lie (width = aspect x height), small ones stand, so that the cell has no fourfold symmetry.
 
     Args:
-        clear_dots: clear dots of all four blobs.
         size_ratio: side of a small blob over that of a large one, 0 to 1; 0 leaves out the small ones.
         aspect: the longer side of a blob over its shorter one, 1 to 4.
         exponent: 1 (rhombus) to 64 (rectangle).
@@ -454,9 +417,6 @@ def blobs(dots: int, clear_dots: int, *, size_ratio: float = 0.7, aspect: float 
 
 def diamond_discs(dots: int, clear_dots: int) -> Mask:
     """Two equal discs per cell, at its corner and its centre: a square lattice turned by 45 degrees.
-
-    Args:
-        clear_dots: clear dots of both discs.
 
     Raises:
         JobError: MF104 if the cell has no dots.
@@ -507,9 +467,5 @@ def _unreachable(shape: str, clear_dots: int, dots: int, reachable: NDArray[np.i
 def check_range(name: str, value: float, low: float, high: float) -> None:
     """Refuse a parameter of a drawn opening that is out of its range (MF104)."""
     if not low <= value <= high:  # also refuses NaN
-        raise JobError(
-            "MF104",
-            f"{name} = {value} must lie between {low} and {high}",
-            where=name,
-            cure=f"Choose {name} in that range",
-        )
+        what = f"{name} = {value} must lie between {low} and {high}"
+        raise JobError("MF104", what, where=name, cure=f"Choose {name} in that range")
