@@ -77,7 +77,6 @@ class MeasuredBlur:
         return f"{share} beyond its pixels is not undone; with the job of its die (--job) it is, as designed"
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
         if shape not in self._kept:
             transfer = self._transfer(shape)
             transfer.flags.writeable = False
@@ -85,11 +84,7 @@ class MeasuredBlur:
         return self._kept[shape]
 
     def within(self, rows: int, columns: int) -> tuple[MeasuredBlur, tuple[str, ...]]:
-        """The blur as far as it fits a photograph, the centre kept, and a sentence on the light that this leaves out.
-
-        Raises:
-            SourceError: MF351 if half of a colour's light is left out.
-        """
+        """The blur as far as it fits a photograph, the centre kept, and a sentence on the light left out (MF351)."""
         sides = self.kernels.shape[1:]
         if sides[0] <= rows and sides[1] <= columns:
             return self, ()
@@ -322,7 +317,6 @@ class WholeBlur:
         return cls(design, replace(measured, kernels=light - inner), (*measured.told, said))
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
         return np.asarray(self.design.on(shape) + self.change.on(shape))
 
 
@@ -352,14 +346,12 @@ class StandingBlur:
 
     Attributes:
         drawn: by the die as drawn, y upwards.
-        way_round: one of :data:`maskfab.camera.blur.STANDS`.
     """
 
     drawn: Blur
     way_round: int = 0
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         rows, columns = shape
         mirrored = self.way_round >= 4
         if self.way_round % 2 == 0:

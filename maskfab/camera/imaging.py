@@ -130,11 +130,7 @@ class Design(Blur, Protocol):
         """Sentences on how its blur errs, once a scene was blurred."""
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1.
-
-        Args:
-            light: of the scene, float32 [3, rows, columns], white is 1.
-        """
+        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +167,6 @@ class Isoplanatic(ABC):
         return self._kept[shape]
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """See :class:`Design`."""
         return margin.through(light, self.on(margin.shape))
 
 
@@ -183,9 +178,6 @@ class RestoredBy:
     :func:`maskfab.camera.die_transfer.die_transfer` at different ``object_um``, ``RestoredBy(near, far)`` costs what
     knowing no distance does; ``RestoredBy(die, other)``, what calibrating by another die does. Light, noise and scores
     are those of ``seen``.
-
-    Attributes:
-        known: whose transfer restorers are given.
     """
 
     seen: Design
@@ -193,23 +185,18 @@ class RestoredBy:
 
     @property
     def name(self) -> str:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.name
 
     @property
     def transmission(self) -> float:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.transmission
 
     @property
     def told(self) -> tuple[str, ...]:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.told
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.blurred(light, margin)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """H of what is known."""
         return self.known.on(shape)

@@ -46,7 +46,6 @@ class PhotoCamera:
     """A lens behind the panel, and the sensor's pixels.
 
     Attributes:
-        focal_um: focal length.
         stop: alike under the eight elements of D4, as the cells are turned and mirrored.
         pixel_um: side of a pixel, which is sensitive all over.
         wavelengths_nm: the longest first; three are red, green and blue.
@@ -75,11 +74,7 @@ class PhotoCamera:
 
     @classmethod
     def of(cls, camera: Camera, *, where: str = "", colours: bool = False) -> PhotoCamera:
-        """The parts of a job's camera that photographs depend on.
-
-        Raises:
-            JobError: MF133 as for the type; MF134 for other than three wavelengths where colours are wanted.
-        """
+        """The parts of a job's camera that photographs depend on."""
         try:
             lens = cls(camera.focal_um, camera.stop, camera.pixel_um, camera.wavelengths_nm)
             _ = colours and lens.colours_nm
@@ -193,12 +188,7 @@ class CellGrid:
         return stop_dots(self.camera.stop, self.side, self.dot_um)
 
     def turned(self, waves: Waves) -> Complexes:
-        """Amplitude behind the open stop of light with a phase, constant over a dot, [side, side].
-
-        Raises:
-            JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
-                one dot to the next.
-        """
+        """Amplitude behind the open stop of light with a phase, constant over a dot, [side, side]."""
         middles = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
         try:
             return turned(waves, middles, middles, self.stop)
@@ -292,7 +282,6 @@ class Laid(Isoplanatic):
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """See :func:`pupil_transfer`. Raises JobError MF134 for a camera of other than three wavelengths."""
         return pupil_transfer(self.pupil, self.lattice, shape)
 
 
@@ -312,7 +301,6 @@ def lay(
         orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
             :func:`maskfab.base.model.orient`; None draws them as protocol F1 does, with
             ``default_rng(seed).integers(8 · units)``.
-        dot_nm: side of a dot; None for cells of 168 um.
         room: the cells, in place of the fewest of such dots behind protocol F1's stop.
 
     Raises:
@@ -381,9 +369,7 @@ class OpenStop:
     Attributes:
         table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle; complex behind a lens whose
             phase is not the same turned by 180 degrees.
-        dots: within the stop.
         per_cycle: lag in dots that belongs to one cycle per pixel.
-        orders: multiples of the sampling frequency that are folded back.
         whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
     """
 
@@ -448,11 +434,7 @@ class OpenStop:
 
 
 def pupil_transfer(pupil: Floats, room: CellGrid, shape: tuple[int, int]) -> Singles:
-    """H of a pupil [side, side] on such cells for pictures of a shape, float32 [3, rows, columns / 2 + 1]; 1 at 0.
-
-    Raises:
-        JobError: MF134 for a camera of other than three wavelengths.
-    """
+    """H of a pupil [side, side] on such cells for pictures of a shape, float32 [3, rows, columns / 2 + 1]; 1 at 0."""
     y, x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
     table = pupil_autocorrelation(pupil)
     table /= table[room.side - 1, room.side - 1]

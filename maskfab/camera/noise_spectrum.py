@@ -51,12 +51,7 @@ def tapered_power(squares: Singles) -> Floats:
 
 @dataclass(frozen=True)
 class NoiseSpectrum:
-    """Noise of a colour by frequency.
-
-    Attributes:
-        level: N(0), a variance.
-        bend: b and c.
-    """
+    """Noise of a colour by frequency: N(0), and b and c."""
 
     level: float
     bend: tuple[float, float] = (0.0, 0.0)
@@ -151,7 +146,6 @@ class WhitenedBlur:
     noise: tuple[NoiseSpectrum, ...]
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         return np.asarray(self.blur.on(shape) * _whitening(self.noise, shape))
 
 

@@ -67,9 +67,6 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
         planes: [rows, columns] of each colour, as the pixels recorded it, black is 0 and white 1: interpolated pixels
             are not noisy enough.
         ceiling: light at which pixels are full; blocks that hold one do not count.
-
-    Raises:
-        SourceError: MF335 for fewer than some hundred blocks of 8 x 8 pixels that are not full.
     """
     parts = [_blocks(plane, ceiling) for plane in planes]
     light, rough, fine = (np.concatenate([part[k] for part in parts]) for k in range(3))
@@ -129,7 +126,6 @@ class Stated:
     Attributes:
         black, white: counts of no light, and of a full pixel.
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
-        read_noise_e: in electrons; goes with the gain.
         sensor: of the job; where it has a converter, and its gain is known, it tells both.
     """
 
@@ -157,11 +153,8 @@ class Photo:
     """A photograph that can be restored.
 
     Attributes:
-        name: of its file, without suffix.
-        record: of three colours, each in units of its own white.
         balance: by which they are multiplied for a neutral white, the least of them 1.
         matrix: [3, 3] from balanced colours to linear sRGB.
-        noise_stated: whether its noise was, and not estimated.
     """
 
     name: str
@@ -335,10 +328,6 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
 
     Args:
         light: [3, rows, columns] in units of each colour's own white.
-        stops: by which the picture is brightened, a factor of 2 each.
-
-    Raises:
-        JobError: MF104 for stops that are not finite, or beyond 16.
     """
     require_stops(stops)
     colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
@@ -374,15 +363,9 @@ def restored_light(
     Where the record speaks against the blur it stays as it is; trusted, the blur is undone as it is said to be.
 
     Args:
-        restorers: of which the best is taken.
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior, with which the blur is trusted; None for what each record speaks for.
-        bin: restore means over 2 x 2 pixels.
-        trust: undo the blur as it is said to be, whatever the record says.
         rivals: makers of other blurs by name, of which one may explain the photograph better; looked at unless trusted.
-
-    Raises:
-        JobError: MF142 for a photograph too large for the restorers that are named.
     """
     record, seen, sentences = photo.record, blur, photo.told
     if isinstance(blur, MeasuredBlur):
@@ -424,14 +407,10 @@ class RestoredPhoto:
     """One photograph, restored.
 
     Attributes:
-        name: of its file, without suffix.
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
         restorer: that was used, or two with their shares.
         epsilon: strength of its prior, of two that of the larger share.
-        electrons: of white, by which its noise is known.
-        read_noise: in electrons.
-        clipped: share of its values that were full.
     """
 
     name: str
@@ -463,7 +442,6 @@ class RestoredPhoto:
 
         Args:
             won: by the restorer that was chosen, in units of each colour's own white.
-            blur: sentences on it.
             colours: by a chart; None for those of the photograph.
         """
         sentences = photo.told

@@ -77,15 +77,10 @@ class Protocol:
         linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
-        strengths: grid of ε, ascending.
-        dark: nothing outside the sensor gives light.
         dimmed: pictures are scored as bright as the design leaves them, relative to the published display.
         restorers: that belong to it; none where any may be asked for.
         brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
-
-    Raises:
-        JobError: MF143 for brackets that are below 1, not finite, alike, or of code values.
     """
 
     name: str
@@ -299,12 +294,7 @@ def _known(
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One design at one level of light; scenes by their ``id``.
-
-    Attributes:
-        seen: light of scenes that are not large on the sensor.
-        likenesses: of test scenes, empty where nobody asked for details.
-    """
+    """One design at one level of light; scenes by their ``id``."""
 
     protocol: Protocol
     design: Design

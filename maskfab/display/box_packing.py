@@ -103,8 +103,6 @@ class Packed:
     """Places of boxes, as many as were found.
 
     Attributes:
-        places: of each box, in the order found.
-        complete: whether these are all boxes.
         exhausted: whether no places for all of them exist, for the search left none out.
     """
 
@@ -221,11 +219,7 @@ class Packing:
     # --- search ----------------------------------------------------------------------------------------------------
 
     def placed(self, *, nodes: int, seed: int = 0) -> Packed:
-        """Places for all boxes if any are found; else for as many as were.
-
-        Args:
-            nodes: boxes that the last search may lay, over all that it tries.
-        """
+        """Places for all boxes if any are found; else for as many as were."""
         best: tuple[Place, ...] = ()
         for order, view in self._orders(seed):
             places = self._first_fit(order, view)
@@ -470,7 +464,6 @@ class _Lines:
     ``across``, rounded down. Rows are chosen by the cost of all that precede them.
 
     Attributes:
-        area: bool [rows, columns].
         turned: whether the area was transposed, so that rows are its columns.
     """
 

@@ -46,12 +46,7 @@ class Circuits:
     """Answer on the circuits of a pixel.
 
     Attributes:
-        verdict: whether all boxes have a place.
-        boxes: those placed, as many as were found a place for.
-        wanted: boxes of a pixel.
-        area_um2: of those wanted.
         certificate: why not all can be placed; None if they are, or it is not known.
-        broken: rules that their polygons break, measured by KLayout; empty where all is well.
     """
 
     verdict: Verdict
@@ -72,11 +67,7 @@ class Circuits:
 
 
 def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
-    """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither.
-
-    Raises:
-        JobError: MF117 as :func:`maskfab.display.circuit_boxes.check_boxes`.
-    """
+    """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither."""
     pixel = _Pixel.of(panel, opening, rules)
     grid, found, proof = pixel.quick()
     if proof is not None:
@@ -92,11 +83,7 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
 
 
 def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | None:
-    """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none.
-
-    Raises:
-        JobError: MF117 as :func:`place_circuits`.
-    """
+    """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none."""
     _, _, proof = _Pixel.of(panel, opening, rules).quick()
     return proof
 
@@ -110,11 +97,7 @@ class _Grid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Pixel:
-    """A pixel in which boxes are placed.
-
-    Attributes:
-        panel, opening, rules: as for :func:`place_circuits`.
-    """
+    """A pixel in which boxes are placed."""
 
     panel: Panel
     opening: Opening

@@ -49,12 +49,8 @@ class CircuitRules:
     Attributes:
         need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
             BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
-        circuits: how many of them one pixel holds.
         shared_by: pixels that share one circuit between them, in turn.
         min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
-
-    Raises:
-        JobError: MF104 if a number is not positive.
     """
 
     need_um2: float = 1985.0
@@ -81,7 +77,6 @@ class Room:
     Attributes:
         area_um2: room at least as wide as asked.
         closed_um2: all of it, however narrow.
-        need_um2: what the circuits need.
         certificate: why they do not fit; None where the area is enough (which does not lay them out).
     """
 
@@ -115,11 +110,7 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
 
 
 def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, Room]:
-    """Room under the red, the green and the blue emitter for a circuit of its own each.
-
-    Raises:
-        JobError: MF118 if the width is no whole number of the emitters' cells.
-    """
+    """Room under the red, the green and the blue emitter for a circuit of its own each."""
     if rules.min_width_nm % emitters.cell_nm:
         what = (
             f"a width of {rules.min_width_nm / NM_PER_UM:g} um is not a multiple of the emitters' "
@@ -168,9 +159,6 @@ class LightDemand:
         shares: red's, green's and blue's share of the luminance, by BT.709.
         ageing_exponent: n of life ~ J^-n. 1.44 is derived from a vendor's claim: three times the life at 60 % emitting
             area instead of 28 %, ln 3 / ln (60 / 28).
-
-    Raises:
-        JobError: MF104 if a number is not positive and finite.
     """
 
     luminance_cd_per_m2: float = 500.0
@@ -190,9 +178,6 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
 
     Args:
         area_shares: each emitter's area over the pixel's, gutter included.
-
-    Raises:
-        JobError: MF104 if a share is not within (0, 1].
     """
     _check("area share", area_shares, highest=1.0)
     red, green, blue = (
@@ -203,11 +188,7 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
 
 
 def relative_life(density: float, reference: float, exponent: float = LightDemand.ageing_exponent) -> float:
-    """Life at a current density over that at another: (J / J_ref)^-n.
-
-    Raises:
-        JobError: MF104 if a number is not positive and finite.
-    """
+    """Life at a current density over that at another: (J / J_ref)^-n."""
     _check("current density", (density, reference))
     _check("ageing_exponent", (exponent,))
     return float((density / reference) ** -exponent)
@@ -240,13 +221,6 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
 
     Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
-
-    Args:
-        shares: of the pixel that red, green and blue cover.
-        reference: the same of the reference.
-
-    Raises:
-        JobError: MF104 if a share is not within (0, 1].
     """
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))

@@ -67,7 +67,6 @@ class EmittedLight:
     Attributes:
         rgb: float64 [3, y, x], row 0 the lowest; linear-light red, green and blue with the primaries of sRGB. The mean
             over a pixel is what the picture asks of it, so a white picture has the mean 1.
-        samples: along the side of a pixel.
     """
 
     rgb: Floats
@@ -101,11 +100,7 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
 
 
 def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
-    """The image on a display whose pixels shine evenly over all of their area in every colour: the reference.
-
-    Raises:
-        JobError: MF121, MF115 as for :func:`show`.
-    """
+    """The image on a display whose pixels shine evenly over all of their area in every colour: the reference."""
     _check_samples(*_checked(image), samples)
     even = np.repeat(np.repeat(np.moveaxis(image, -1, 0), samples, axis=1), samples, axis=2)
     return EmittedLight(_still(even), samples, pitch_um)
@@ -216,11 +211,7 @@ class Tiled:
         return float(red), float(green), float(blue)
 
     def light(self, image: Floats, samples: int) -> EmittedLight:
-        """The image [rows, columns, 3] on the pixels, ``samples`` along each.
-
-        Raises:
-            JobError: MF121 for no picture, MF115 for too many samples.
-        """
+        """The image [rows, columns, 3] on the pixels, ``samples`` along each."""
         rows, columns = _checked(image)
         _check_samples(rows, columns, samples)
         tiles = np.stack([tile.samples(samples) for tile in self.tiles])
@@ -238,9 +229,6 @@ class Tiled:
         Pixels of one kind emit alike, so that their light is what each is asked for, on the lattice, convolved with the
         kind's own. Its coefficients are the discrete transform of the picture on those pixels, times the transform of
         the kind's emitters, which are rectangles; summed over kinds. No samples along a pixel are needed.
-
-        Raises:
-            JobError: MF121 for no picture, MF115 if the eye resolves too much of it.
         """
         rows, columns = _checked(image)
         frame = _frame((rows, columns), self.pitch_um, viewing, highest_cpd)
@@ -269,11 +257,7 @@ def _orders(frame: Series) -> tuple[Indices, Indices]:
 
 
 def tiles_of(panel: Panel) -> tuple[Tile, ...]:
-    """Contents that a cell of a panel can have: 8 u + k is opening u under element k of D4.
-
-    Raises:
-        JobError: MF121, MF119 as for :func:`emitters_of`.
-    """
+    """Contents that a cell of a panel can have: 8 u + k is opening u under element k of D4."""
     tiles = []
     for emitters in emitters_of(panel):
         # Half a gutter, the cells, half a gutter.
@@ -369,9 +353,6 @@ class Series:
 
     Attributes:
         coefficients: complex128 [3, y, x]; y runs from -K to K, x from 0 to K (the rest is their conjugate).
-        y_cpd, x_cpd: the frequencies, cycles per degree.
-        pixels: rows and columns of pixels.
-        pitch_um: from pixel to pixel.
         pixel_deg: the same as an angle.
     """
 
@@ -431,9 +412,6 @@ class Series:
 
 def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
     """The Fourier series of light up to ``highest_cpd`` along x and along y.
-
-    Raises:
-        JobError: MF115 if these are too many: an eye near the display resolves too much of it.
 
     Notes:
         The samples are squares of constant light, so their series is their discrete transform, which repeats, times

@@ -52,7 +52,6 @@ class EmitterGrid:
 
     Attributes:
         cells: along a side of the area that holds dots (the pixel less its gutter).
-        per_dot: cells along a dot.
         gutter_nm: opaque space between the dots of neighbouring pixels.
         to_opening, colour_gap, min_width: the rules in cells.
     """
@@ -153,8 +152,6 @@ class Certificate:
     """A proof that something cannot be, which a reader can check by hand.
 
     Attributes:
-        statement: one sentence with the numbers and their units.
-        numbers: what the sentence was made from, by name.
         witness: bool [n, n] the cells to look at; None where there is nothing to draw.
         chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
             says it.
@@ -177,14 +174,10 @@ class Footprint:
     """Bracket of the largest footprint of three emitters.
 
     Attributes:
-        verdict: whether the required footprint is reached.
-        best: the placement of largest footprint that keeps all rules; None if none was found.
         found_share: its footprint (mean share of the pixel, gutter included, per colour; of the smallest relative to
             its ratio); 0 if none.
         bound_share: no placement under the rules has a larger one.
-        rectangles_share: the largest footprint of three rectangles, exact.
         certificate: why not, if the verdict is that it does not fit; also why ``bound_share`` is what it is.
-        method: how ``best`` was found.
     """
 
     verdict: Verdict

@@ -142,11 +142,7 @@ def carrying(highest_cpd: float, viewing: Viewing) -> int:
 
 
 def appearance(spectrum: Series, viewing: Viewing) -> Floats:
-    """Linear light [y, x, 3] after the eye's blur, row 0 the lowest, on samples that carry all of it.
-
-    Args:
-        spectrum: up to :data:`~maskfab.display.eye.HIGHEST_CPD`.
-    """
+    """Linear light [y, x, 3] after the eye's blur, row 0 the lowest, on samples that carry all of it."""
     radius = spectrum.radius_cpd
     lightness, colour = _gain(GAUSSIANS[0][:2], radius), _gain(GAUSSIANS[1], radius)
     grey = np.broadcast_to(LUMINANCE, (3, 3))
@@ -176,9 +172,6 @@ def centroids(panel: Panel) -> tuple[Floats, float]:
 
     The mean moves the whole picture; the rms is |c| of the formula: 0 if all pixels have one orientation, the length of
     the centroid's offset if all eight are equally frequent.
-
-    Raises:
-        JobError: MF121, MF119 for emitters that cannot be shown.
     """
     places = np.array(
         [
@@ -203,7 +196,6 @@ def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
 
     Args:
         spectrum: of a flat field, up to ``high_cpd`` or more.
-        low_cpd, high_cpd: the band, cycles per degree.
     """
     luminance = np.tensordot(LUMINANCE, spectrum.coefficients, axes=1)
     mean = luminance[len(spectrum.y_cpd) // 2, 0].real
@@ -241,9 +233,6 @@ def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = 
         The metric takes the pixel lattice at some 60 cycles per degree for a visible pattern, so frequencies from 40 to
         50 are faded out and higher ones removed before it sees the light. It wants absolute luminance (relative light
         is below its threshold everywhere, and all is 10.00), a linear EOTF, and a peak that clips nothing.
-
-    Raises:
-        JobError: MF121 if ColorVideoVDP is not installed.
     """
     library = metric()
     shown = [_absolute(light, viewing, white_cd_m2) for light in (test, reference)]
@@ -284,11 +273,9 @@ class PictureView:
     Attributes:
         seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
         reference: the same of an ideal display.
-        samples: along a pixel, of both.
         delta_e_95: its 95th percentile.
         delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.
-        jod: ColorVideoVDP's judgement; None if it was not asked.
     """
 
     seen: Singles
@@ -326,11 +313,7 @@ class SeenPanel:
 
 
 def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
-    """The targets by name, and a photograph in place of the leaves if there is one.
-
-    Raises:
-        JobError: MF121 if there are fewer than 8 pixels or absurdly many, or the photograph cannot be shown.
-    """
+    """The targets by name, and a photograph in place of the leaves if there is one."""
     if not FEWEST_PIXELS <= pixels <= _MOST:
         what = f"{pixels} pixels along a side are outside {FEWEST_PIXELS} to {_MOST}"
         raise JobError("MF121", what, where="pixels", cure="Use 100")

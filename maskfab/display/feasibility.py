@@ -67,14 +67,9 @@ class DisplayRules:
     """Everything that a display's maker asks.
 
     Attributes:
-        emitters: gaps, width, ratio and footprint.
         keep: share of the largest footprint that a placement with better centred light must have.
         circuit: area for drive circuits; a bound, which does not count where boxes are stated.
-        light: what the emitters must give.
-        wires: what must be wired; None if nothing is asked.
-        boxes: of the drive circuits, to be placed; None if none are stated.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
-        eye: where the display is looked at, its limits, and those of life.
     """
 
     emitters: EmitterRules
@@ -98,11 +93,7 @@ class DisplayRules:
         *,
         where: str = "",
     ) -> DisplayRules:
-        """The rules of a job.
-
-        Raises:
-            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio, MF105 for rectangles in pieces.
-        """
+        """The rules of a job."""
         pieces = section.pieces == "several"
         if pieces and section.max_aspect is not None:
             what = "max_aspect is of emitters that are one rectangle each, and pieces asks for several"
@@ -146,11 +137,7 @@ class DisplayRules:
         return f"{many}{self.least_circuits_um2:g} µm² for each pixel"
 
     def crowded(self, panel: Panel) -> Certificate | None:
-        """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated.
-
-        Raises:
-            JobError: MF118 as :func:`maskfab.display.drive.pixel_room`, MF117 for a box or a gap wider than the pixel.
-        """
+        """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated."""
         if self.boxes is None:
             return pixel_room(panel.common, panel.dot_nm, self.circuit).certificate
         return no_place(panel, panel.common, self.boxes)
@@ -161,26 +148,17 @@ class Feasibility:
     """Display feasibility of one panel.
 
     Attributes:
-        required: least footprint; 0 where none is.
-        footprint: how large emitters can be, with its proof.
-        emitters: those that the panel takes; None where none were found.
         share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
-        borders: gaps across pixels of the placement.
         broken: rules that its polygons break, measured by KLayout; empty where all is well.
         room: for the circuits of a pixel together, by area.
         circuits: their boxes in their places; None where no boxes are stated, and the area decides.
         own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
             no multiple of the cells of emitters that came with the opening.
-        density_ma_per_cm2: current density of red, green and blue; None without emitters.
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
-        centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
         even: what the eye sees of an even field whose pixels are turned at random; None without emitters.
         judged: limits of the eye and of life, held against the die as it is tiled; None where that was not asked.
-        wiring: how far the pixels can be wired; None if it was not asked.
         reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
-        given: whether the emitters came with the opening.
-        light: what was asked of the emitters.
     """
 
     required: float
@@ -255,8 +233,6 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     Where cells choose among several openings, emitters keep clear of all of them.
 
     Args:
-        panel: its opening, gutter and orientations.
-        rules: the maker's.
         largest: search on for the largest emitters even if the required ones are found, as on a plate; designers try
             openings without.
 
@@ -353,11 +329,7 @@ def _lit(emitters: Emitters) -> bool:
 
 
 def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
-    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels.
-
-    Raises:
-        JobError: as :func:`feasibility`.
-    """
+    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels."""
     if panel.tiling is Tiling.HEXAGONAL:
         return None
     return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
@@ -439,11 +411,7 @@ def populate(
     Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
 
     Args:
-        plate: laid out, without emitters and circuits.
-        rules: the maker's.
-        progress: told how many dies are done, of those that differ.
         maps: rows and columns of the orientation map, by die, of those that have one.
-        executor: who works on the dies; what is found does not show who did.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`; MF117 also for a reference display
@@ -517,11 +485,7 @@ def plate_of(job: Job, faults: JobFaults) -> Plate | None:
     """The plate of a job, and what no pixel of its dies can hold of the display, before any is looked at.
 
     Args:
-        job: the job, of which what is at fault may be unreadable.
         faults: gets MF105, MF107 and MF116 of the rules; MF106, MF117 and MF118 of a die; and what refuses the plate.
-
-    Returns:
-        The plate; None where it cannot be laid out.
     """
     with faults:
         _check_display(job, faults)
@@ -548,12 +512,7 @@ def _check_display(job: Job, faults: JobFaults) -> None:
 def displays(
     job: Job, plate: Plate | None = None, progress: Progress = silent, *, executor: SerialExecutor | None = None
 ) -> PlateWithDisplays:
-    """The job's plate with the emitters, circuits and wires that the job asks for; by an executor, if there is one.
-
-    Args:
-        job: the job.
-        plate: of the job, where it is laid out already.
-    """
+    """The job's plate with the emitters, circuits and wires that the job asks for; by an executor, if there is one."""
     rules = display_rules(job)
     plate = job.plate() if plate is None else plate
     if rules is None:
@@ -569,11 +528,7 @@ def map_sizes(job: Job) -> dict[str, tuple[int, int]]:
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
-    """Widest gaps between colours, by die; dies without pixels are left out.
-
-    Raises:
-        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
-    """
+    """Widest gaps between colours, by die; dies without pixels are left out."""
     by_key: dict[object, LargestGap | None] = {}
     gaps: dict[str, LargestGap] = {}
     for done, die in enumerate(plate.dies):

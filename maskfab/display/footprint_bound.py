@@ -59,9 +59,6 @@ def upper_bound(
     """No three emitters that keep the rules have all areas above ``a * ratio_k``.
 
     Args:
-        region: bool [n, n] cells in which an emitter may lie.
-        grid: the gap between colours and the least width, in cells.
-        ratio: relative areas of red, green and blue.
         required: an ``a`` in cells; the bound is only made tight if a quick one does not exclude it.
         tight: False stays with the quick bound (a gap g takes g * w cells): milliseconds.
 
@@ -86,13 +83,7 @@ def upper_bound(
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Cells that one emitter could cover, and how long a line must be that parts them.
-
-    Attributes:
-        cells: bool [n, n].
-        lanes: what every such line has at least.
-        cuts: int64 [total + 1] the shortest line by the cells on one side of it, once measured.
-    """
+    """Cells that one emitter could cover, and how long a line must be that parts them."""
 
     cells: Mask
     total: int

@@ -48,9 +48,6 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
 
     Returns:
         bool [..., n, n] on the grid's cells.
-
-    Raises:
-        JobError: MF117 if the mask is not the one that the grid was made for.
     """
     clear = np.repeat(np.repeat(np.asarray(mask, dtype=np.bool_), grid.per_dot, axis=-2), grid.per_dot, axis=-1)
     n = grid.cells
@@ -158,7 +155,6 @@ class Squares:
     is (y, x).
 
     Attributes:
-        cells: n.
         width: w, side of a square in cells.
         gap: least gap between squares of different shapes, in cells.
         stride: bits per row; more than n, so that nothing spreads from one row into the next.
@@ -308,8 +304,6 @@ def facing_squares(region: Mask, grid: EmitterGrid, orientations: Iterable[int] 
 
     Args:
         region: bool [n, n] cells in which an emitter may lie, no margin taken off.
-        grid: the gap between colours, the least width and the gutter, in cells.
-        orientations: those in use; any two of them may meet.
     """
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     reach, pitch = grid.min_width + grid.colour_gap - 1, grid.cells + grid.gutter
@@ -372,7 +366,6 @@ class Borders:
     """The gaps across borders of a panel.
 
     Attributes:
-        side_pairs, diagonal_pairs: how many different pairs meet.
         side_violations, diagonal_violations: how many of them are closer than a rule.
         worst: orientations of the left (or lower left) and the right (or upper right) pixel of the pair that falls
             shortest of its rule; None if no pixels meet.
@@ -416,7 +409,6 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labe
 
     Args:
         labels: emitters of one pixel, int8 [n, n] on the grid's cells.
-        opening: its clear cells, bool [n, n].
     """
     beside, across = meetings(orientations)
     turned = [(orient(labels, k), orient(opening, k)) for k in range(ORIENTATIONS)]

@@ -114,9 +114,6 @@ def on_pixels(picture: Picture, rows: int, columns: int) -> Floats:
 
     The middle of the picture, cut to the display's shape, is averaged over each pixel's own area, fractions of picture
     elements included. What is transparent is black.
-
-    Raises:
-        JobError: MF121 if a value is not finite, or no light that a display can give.
     """
     height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)

@@ -31,7 +31,6 @@ class WireRules:
     """Width and space rules for drawing lines; the defaults are a judgement, no source was found.
 
     Attributes:
-        space_nm: least distance between lines of one layer.
         clearance_nm: least distance from an opaque line to any opening.
 
     Raises:
@@ -68,9 +67,6 @@ class Net:
     Args:
         closed: bool [n, n], y up, True where a line may run.
         direction: vertical lines run from the lowest row to the highest, horizontal ones from the left to the right.
-
-    Raises:
-        JobError: MF120 if the dots are not a square.
     """
 
     def __init__(self, closed: Mask, direction: Direction) -> None:

@@ -58,9 +58,7 @@ def footprint(
     panels in which any two of the orientations meet, and for shapes on the grid's cells.
 
     Args:
-        rules: the maker's; ``required`` decides the verdict.
         largest: work on the placement even if a smaller one answers the question.
-        seed: of the search over crooked borders; the same seed gives the same placement.
 
     Raises:
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid is too fine.
@@ -124,7 +122,6 @@ class LargestGap:
     Attributes:
         found_nm: widest at which a placement was found; None if it was not even at no gap.
         excluded_nm: narrowest at which it is proved impossible; None if it is not within the pixel.
-        footprint: at ``found_nm``.
     """
 
     found_nm: int | None
@@ -142,16 +139,7 @@ def largest_gap(
     step_nm: int | None = None,
     seed: int = 0,
 ) -> LargestGap:
-    """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one.
-
-    Args:
-        opening, dot_nm, gutter_nm, orientations, rules: as for ``footprint``; the rules' colour gap is not used.
-        step_nm: of the gaps tried; by default the largest on which the other rules are whole numbers.
-        seed: as for ``footprint``.
-
-    Raises:
-        JobError: as ``footprint``.
-    """
+    """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one."""
     used = tuple(orientations)
     step = step_nm or math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.min_width_nm)
     answers: dict[int, Footprint] = {}
@@ -278,12 +266,7 @@ def centred(
     of these the larger placement is chosen.
 
     Args:
-        largest: the largest placement that keeps the rules; None if there is none.
-        rules: the ratio, and the footprint below which no placement goes that is required and found.
         keep: share of the footprint found that must be left, 0 to 1.
-
-    Returns:
-        A placement that keeps all rules, across borders too; None if none was found.
     """
     if largest is None:
         return None

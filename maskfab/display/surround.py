@@ -44,13 +44,7 @@ class Surrounded:
 
     @classmethod
     def of(cls, panel: Panel, reference: Reference, most: int, samples: int, seen_samples: int) -> Surrounded:
-        """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround.
-
-        Args:
-            most: pixels along a side.
-            samples: along a pixel, of the light.
-            seen_samples: along a pixel, of what the eye takes in.
-        """
+        """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround."""
         whole = min(math.isqrt(MOST_SAMPLES) // max(1, samples), math.isqrt(_MOST_SEEN) // seen_samples)
         inside = max(1, min(most, *panel.orientations.shape, whole * _AROUND // (_AROUND + 2) - 2))
         return cls(panel, reference, inside, math.ceil(inside / _AROUND))
@@ -67,11 +61,7 @@ class Surrounded:
 
     @property
     def tiled(self) -> Tiled:
-        """Pixels of both.
-
-        Raises:
-            JobError: MF121, MF119 for emitters that cannot be shown.
-        """
+        """Pixels of both."""
         own, regular = Tiled.of(self.panel, self.inside, self.inside), self.reference.tiled(self.pixels, self.pixels)
         held = regular.held + len(own.tiles)
         middle = slice(self.around, self.around + self.inside)

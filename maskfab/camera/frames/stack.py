@@ -42,10 +42,6 @@ def check_stack(frames: Sequence[Frame]) -> None:
     """Refuse frames that cannot be merged.
 
     One frame needs no time; several need times that differ.
-
-    Raises:
-        SourceError: MF331 of unlike sensors, MF332 times missing, all equal or of no camera, MF333 pixels that are full
-            below the white level, or a black level that is not taken off, MF334 without frames.
     """
     if not frames:
         raise SourceError("MF334", "there are no frames", cure="Give one or more")
@@ -117,7 +113,6 @@ def mean_beside(values: Floats, usable: Mask) -> Floats:
     """Mean of each pixel's eight neighbours of its colour, the pixel itself left out.
 
     Args:
-        values: [rows, columns] of one colour.
         usable: which of them count; 0 where none of a pixel's neighbours does.
     """
     total = ndimage.convolve(np.where(usable, values, 0.0), _AROUND, mode="constant")
@@ -178,9 +173,6 @@ def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int,
     """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
 
     Where the frame ends the square is moved, by up to a quarter of itself.
-
-    Raises:
-        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
     """
     row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
     if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
@@ -243,7 +235,6 @@ class Gain:
     Attributes:
         read_noise_e: in electrons, without what rounding to counts adds.
         misfit: chi² per degree of freedom of the line; errors are larger by its root where it is above 1.
-        samples: variances of pixels that were used.
     """
 
     electrons_per_count: float
@@ -256,15 +247,7 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """Pixels of one colour over equal frames; the variance of each is expected to be slope x light + floor x dark.
-
-    Attributes:
-        light: [pixels] mean counts above black.
-        beside: [pixels] that of each one's neighbours.
-        variance: [pixels] of the counts.
-        dark: [pixels] by how much noise of the dark counts, after drift is divided out.
-        freedom: [pixels] frames, less one.
-    """
+    """Pixels of one colour over equal frames; the variance of each is expected to be slope x light + floor x dark."""
 
     light: Floats
     beside: Floats

@@ -85,11 +85,9 @@ class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
-        image: of the die, in light as wide as residuals ask for.
         taken: what was fitted, without dust, merged with the gains that were found.
         width: full width of the light at half maximum and its standard error, um; None of a point.
         dust: pixels of every grid that were left out.
-        factor: root of chi² per pixel.
         most: the most that noise allows it.
         cause: of what is left; None where the fit explains the frames.
     """
@@ -110,11 +108,7 @@ class Explanation:
 
 
 def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explanation:
-    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
-
-    Args:
-        fit: of it, with few terms, that the search begins with.
-    """
+    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift."""
     dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
     taken, width = tuple(taken), None
     for turn in range(2):
@@ -216,11 +210,7 @@ def _widened(pixels: Pixels, beyond: int) -> Pixels:
 
 
 def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, ...]:
-    """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many.
-
-    Args:
-        core: share of the peak from which light is left alone.
-    """
+    """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many."""
     masks = []
     for capture, residual, predicted in zip(taken, fit.residuals, fit.predicted, strict=True):
         seen = residual[capture.valid]

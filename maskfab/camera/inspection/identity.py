@@ -62,11 +62,8 @@ class Identified:
     """The most likely die.
 
     Attributes:
-        best: the hypothesis.
-        fit: of it, to the pixels of one colour.
         ahead: of every other hypothesis, by how much its chi² is above the best one's, over the noise that the best
             fit leaves; ascending. Those that were not fitted whole are judged by the middle of the picture alone.
-        certain: whether none is nearer than :data:`CERTAIN`.
     """
 
     best: Hypothesis
@@ -94,8 +91,6 @@ def identified(
 
     Args:
         panels: of the dies that it may be, by name; those that are not square are tried as drawn and mirrored alone.
-        light: what each colour of pixels sees of a point light.
-        taken: what it took, the light near the middle of the pixels.
     """
 
     def seen(colour: str) -> float:
@@ -197,15 +192,7 @@ _TURNS, _ROUNDS, _SETTLED = 3, 4, 0.3
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """Where residuals would take the square of a light's width, um².
-
-    Attributes:
-        error: one standard error, inflated as the fit's.
-        gain: fall of chi² that it brings.
-        noise: chi² per pixel, 1 or more.
-        left_over: chi² beyond that of noise.
-        covariance: of the fit's values, the width not being known.
-    """
+    """Where residuals would take the square of a light's width, um²."""
 
     change: float
     error: float

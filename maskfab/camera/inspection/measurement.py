@@ -67,13 +67,9 @@ class Measured:
 
     Attributes:
         taken: their pixels about the light, with the noise that the fit expects.
-        identified: the die.
-        image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
-        bands: MTF of every grid of pixels.
         costs: of what is not as drawn; none where nothing can be told.
         if_numbers: numbers of the die and the lens that stand only if the model holds, where nothing can be told.
-        if_sentences: alike.
         mirrored: whether the plate stands the other way round than the job says.
     """
 
@@ -116,11 +112,8 @@ def measured(
 
     Args:
         merged: exposures, cropped about the light.
-        light: what each colour of pixels sees of the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
-        promise: how wide the job and its mask house say that features are.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
-        priced: whether what is not as drawn is priced by photographs.
 
     Raises:
         SourceError: MF334 if the light's centre is full in every exposure; MF339 if nothing in the picture is like any
@@ -284,15 +277,7 @@ def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> Source
 def light_of(
     colours: tuple[str, ...], camera: Camera, bands: tuple[Band, ...], half_um: float, line_nm: float | None = None
 ) -> dict[str, Spectrum]:
-    """Light that each colour of pixels sees, as lines.
-
-    Args:
-        colours, camera, bands, line_nm: as :func:`seen_light`.
-        half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
-
-    Raises:
-        JobError: as :func:`seen_light`.
-    """
+    """Light that each colour of pixels sees, as lines."""
     seen = seen_light(colours, camera, bands, line_nm)
     return {
         colour: _lines(light, camera, half_um)
@@ -308,7 +293,6 @@ def seen_light(
     """Light that each colour of pixels sees, a band or a line.
 
     Args:
-        colours: of the pixels, ``R G B`` or ``-``.
         camera: whose lines are red, green and blue where there are no bands.
         bands: of the job's scene, red, green and blue, or the one of a sensor without colours.
         line_nm: of a light of one line, whatever the pixel; None to take the job's.

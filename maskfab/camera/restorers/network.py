@@ -155,8 +155,6 @@ class Learned:
     name: str = "learned"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """As every restorer, :meth:`maskfab.camera.record.Restorer.prepare`; ε changes nothing, for the
-        strength of the prior was learned."""
         picture = self.restored(self.view.planes(record, blur), blur)
         return lambda _: picture
 
