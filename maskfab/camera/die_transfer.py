@@ -274,7 +274,7 @@ class DieTransfer(Isoplanatic):
 
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
         y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
-        return self._at(y, x)
+        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
 
     def at(self, image_um: Place) -> DieTransfer:
         """The transfer at another place of the image, micrometres from the axis to the right and down the picture."""
@@ -293,13 +293,8 @@ class DieTransfer(Isoplanatic):
         return replace(self, view=replace(view, openings=shown), samples=samples)
 
     @cached_property
-    def probe(self) -> Transfer:
-        """H at some frequencies, dense where it falls steeply, [3, n, m]: where errors are measured."""
-        return self._at(*_PROBED)
-
-    @cached_property
     def error(self) -> float:
-        """Largest error of H at the frequencies of ``probe``, by samples and lines together."""
+        """Largest error of H at frequencies where it falls steeply, by samples and lines together."""
         by_samples = self.by_samples
         if by_samples is None:
             middle = line_spectrum([self.lines[-1].shadow.centroid_nm])
@@ -314,9 +309,6 @@ class DieTransfer(Isoplanatic):
         colours = self.lines if self.view.choice.diffraction else self.lines[:1]
         passed = [self.view.passed_um2(lines.gap.centroid_nm, self.samples) for lines in colours]
         return min(1.0, sum(passed) / len(passed) / self.view.camera.stop.area_um2)
-
-    def _at(self, y: Floats, x: Floats) -> Transfer:
-        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
 
 
 def die_transfer(

@@ -37,8 +37,9 @@ from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.chart import ChartMatrix
 from maskfab.camera.explained import EXPLAINED, FOREIGN, Explained, explain
 from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
+from maskfab.camera.frames.stack import require_gain
 from maskfab.camera.imaging import LARGE, Blur
-from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, whitened
+from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, squares, whitened
 from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
@@ -87,17 +88,11 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
 
 def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
     """Blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
-    rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
     second = np.array([1.0, -2.0, 1.0], dtype=np.float32)
     fine = ndimage.correlate1d(ndimage.correlate1d(plane, second, axis=0), second, axis=1) / 6
-
-    def cut(values: Singles) -> Floats:
-        whole = values[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
-        return np.asarray(whole.transpose(0, 2, 1, 3).reshape(-1, _BLOCK**2), dtype=np.float64)
-
-    means = cut(ndimage.uniform_filter(plane, 3))
-    clear = cut(plane).max(axis=1) < ceiling
-    return means.mean(axis=1)[clear], means.std(axis=1)[clear], np.median(abs(cut(fine)), axis=1)[clear]
+    means, held, rough = (squares(values, _BLOCK) for values in (ndimage.uniform_filter(plane, 3), plane, abs(fine)))
+    each, clear = (1, 2), held.max(axis=(1, 2)) < ceiling
+    return means.mean(axis=each)[clear], means.std(axis=each)[clear], np.median(rough, axis=each)[clear]
 
 
 def _line(light: Floats, variance: Floats) -> tuple[float, float]:
@@ -142,10 +137,8 @@ class Stated:
             what = "gain and read noise are the noise together, and one of them is not stated"
             cure = "State both, or neither for an estimate by the photograph itself"
             raise JobError("MF105", what, where=missing, cure=cure)
-        gain, read = self.electrons_per_count, self.read_noise_e
-        if gain is not None and read is not None and not (0 < gain < np.inf and 0 <= read < np.inf):
-            what = f"a gain of {gain:g} electrons per count with a read noise of {read:g} electrons"
-            raise SourceError("MF335", what, where="gain", cure="Give a gain above 0 and a read noise of 0 or more")
+        if self.electrons_per_count is not None and self.read_noise_e is not None:
+            require_gain(self.electrons_per_count, self.read_noise_e, where="gain")
 
 
 @dataclass(frozen=True, eq=False)
@@ -373,7 +366,7 @@ def restored_light(
         sentences = (*sentences, *lost)
     if bin:
         record, seen, sentences = binned(record), BinnedBlur(seen), (*sentences, "means over 2 x 2 pixels")
-        rivals = {name: partial(_binned, made) for name, made in rivals.items()}
+        rivals = {name: partial(lambda made: BinnedBlur(made()), made) for name, made in rivals.items()}
     if record.values[0].size > LARGE:
         if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
             what = (
@@ -396,10 +389,6 @@ def restored_light(
     told = found.noise if known else noise
     even, blurred = whitened(record, told), WhitenedBlur(found.blur, told)
     return record, restored(even, blurred, restorers, least=found.strength, known=known), found, sentences
-
-
-def _binned(made: Callable[[], Blur]) -> Blur:
-    return BinnedBlur(made())
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -40,10 +40,10 @@ from maskfab.camera.restorers.dct import EPSILON, Published
 from maskfab.camera.restorers.wiener import Ready, Wiener
 from maskfab.camera.scenes import Photograph, spectrum_of
 from maskfab.camera.scores import Crop, Score, ScoreTable, Truth, inner, psnr
-from maskfab.camera.sensor import F1_SENSOR, Exposure, record_light
+from maskfab.camera.sensor import F1_SENSOR, LEVELS, Exposure, record_light
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 from maskfab.optics.colour import code_of_light
-from maskfab.optics.mtf import LEVELS
+
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]

@@ -70,17 +70,14 @@ class Similarity:
         """The similarity of the same pictures with so many times as many pixels along a side."""
         return Similarity(self.u, self.v, self.shift_x * times, self.shift_y * times)
 
-    def taken(self, second: Singles, shape: tuple[int, int], *, order: int, fill: float = 0.0) -> Singles:
+    def taken(self, second: Singles, shape: tuple[int, int], *, order: int) -> Singles:
         """The second picture [rows, columns] at the places of the first one's pixels, by splines of an order."""
         matrix = np.array([[1 + self.u, -self.v], [self.v, 1 + self.u]])
         middle = (np.array(shape) - 1) / 2
         there = (np.array(second.shape) - 1) / 2 + (self.shift_y, self.shift_x)
-        mode, cval = ("constant", fill) if order < 2 else ("mirror", 0.0)
-        return np.asarray(
-            ndimage.affine_transform(
-                second, matrix, there - matrix @ middle, shape, order=order, mode=mode, cval=cval, output=np.float32
-            )
-        )
+        offset, mode = there - matrix @ middle, "constant" if order < 2 else "mirror"
+        seen = ndimage.affine_transform(second, matrix, offset, shape, np.float32, order=order, mode=mode)
+        return np.asarray(seen)
 
 
 def rough_match(

@@ -27,7 +27,7 @@ from maskfab.base.model import ORIENTATIONS, CircuitBox, Opening, Panel, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.box_packing import Kind, Packed, Packing, Place, Shortage
 from maskfab.display.circuit_boxes import BoxRules, check_boxes
-from maskfab.display.emitter_rules import Certificate, EmitterGrid, Proof, Verdict
+from maskfab.display.emitter_rules import Certificate, EmitterGrid, Proof, Verdict, finest_cell
 from maskfab.display.free_area import free_region
 from maskfab.display.polygon_check import Violation, circuit_violations
 
@@ -118,13 +118,13 @@ class _Pixel:
         cell_nm = math.gcd(dot_nm, rules.gap_nm, rules.to_opening_nm, beyond_nm, margin_nm, *sides)
         exact = opening.dots * dot_nm // cell_nm <= MOST_CELLS
         if not exact:
-            cell_nm = _cell_nm(opening.dots, dot_nm, MOST_CELLS)
+            cell_nm = finest_cell(opening.dots, dot_nm, MOST_CELLS)
         used = tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
         return cls(panel, opening, rules, used, cell_nm, exact)
 
     def quick(self) -> tuple[_Grid, Packed, Certificate | None]:
         """Places by a rule of thumb, first on a coarse grid; or a proof, whichever comes at less cost."""
-        coarse_nm = _cell_nm(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
+        coarse_nm = finest_cell(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
         if coarse_nm > self.cell_nm:
             coarse = self._grid(coarse_nm, up=True)
             found = coarse.packing.by_groups()
@@ -163,11 +163,6 @@ class _Pixel:
             for kind in rules.kinds
         )
         return _Grid(Packing(free, kinds, rules.held), cell_nm)
-
-
-def _cell_nm(dots: int, dot_nm: int, most: int) -> int:
-    """Side of the smallest cells that divide a dot and of which so many lie along a pixel at most."""
-    return next(dot_nm // parts for parts in range(max(1, most // dots), 0, -1) if dot_nm % parts == 0)
 
 
 def _reached(closed: Mask) -> Mask:

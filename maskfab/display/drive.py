@@ -85,10 +85,6 @@ class Room:
     need_um2: float
     certificate: Certificate | None
 
-    @property
-    def enough(self) -> bool:
-        return self.certificate is None
-
 
 def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
     """Room of one pixel for all its circuits together, anywhere in the closed area between its dots; not the gutter.
@@ -201,23 +197,8 @@ RISING_V, AT_MA_PER_CM2 = 1.5, 10.0
 of its voltage (Mott and Gurney, 1940)."""
 
 
-@dataclass(frozen=True)
-class Lives:
-    """Light, life and power of a display over those of another, its reference.
-
-    Attributes:
-        luminance: of white, every colour at the reference's current density: the least share of area that one has left.
-        life: of the colour that carries most current for its area, over that of the reference's, at equal luminance.
-        power: at equal luminance.
-    """
-
-    luminance: float
-    life: float
-    power: float
-
-
-def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
-    """Light, life and power of emitters beside those of a reference.
+def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
+    """Light at equal current density, and at equal luminance life and power, of emitters over those of a reference.
 
     Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
@@ -225,7 +206,7 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
-    return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)
+    return left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply
 
 
 def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:

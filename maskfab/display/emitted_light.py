@@ -6,7 +6,7 @@ The eye's optics and nerves take it as a Fourier series up to what they pass, fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import scipy
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Labels
 from maskfab.base.errors import JobError
-from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient, refined
 from maskfab.base.units import UM_PER_MM
 from maskfab.optics.colour import LUMINANCE
 
@@ -132,8 +132,7 @@ class Tile:
     def transform(self, y: Floats, x: Floats) -> Complexes:
         """[3, y, x] of frequencies in cycles per pixel, from the lower left corner; 1 at 0. Exact."""
         waves = [self._waves(f) for f in (y, x)]
-        area = [float(np.diff(self.lines) @ lit @ np.diff(self.lines)) for lit in self._lit]
-        return np.stack([waves[0] @ lit @ waves[1].T / whole for lit, whole in zip(self._lit, area, strict=True)])
+        return np.stack([waves[0] @ lit @ waves[1].T / area for lit, area in zip(self._lit, self.shares, strict=True)])
 
     @property
     def shares(self) -> tuple[float, float, float]:
@@ -199,16 +198,18 @@ class Tiled:
     @property
     def centroid(self) -> tuple[float, float]:
         """Mean (x, y) of the luminance from the pixels' centres, in pixels: how far pictures are displaced."""
-        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
-        x, y = used @ np.array([tile.centroid for tile in self.tiles]) / used.sum()
+        x, y = self._mean([tile.centroid for tile in self.tiles])
         return float(x), float(y)
 
     @property
     def shares(self) -> tuple[float, float, float]:
         """Share of a pixel that red, green and blue cover, in the mean."""
-        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
-        red, green, blue = used @ np.array([tile.shares for tile in self.tiles]) / used.sum()
+        red, green, blue = self._mean([tile.shares for tile in self.tiles])
         return float(red), float(green), float(blue)
+
+    def _mean(self, of_tiles: Sequence[tuple[float, ...]]) -> Floats:
+        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
+        return np.asarray(used @ np.array(of_tiles) / used.sum())
 
     def light(self, image: Floats, samples: int) -> EmittedLight:
         """The image [rows, columns, 3] on the pixels, ``samples`` along each."""
@@ -267,15 +268,6 @@ def tiles_of(panel: Panel) -> tuple[Tile, ...]:
     return tuple(tiles)
 
 
-def emission(panel: Panel, samples: int) -> Floats:
-    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
-
-    Raises:
-        JobError: MF121, MF119 as for :func:`emitters_of`.
-    """
-    return np.stack([tile.samples(samples) for tile in tiles_of(panel)])
-
-
 def has_emitters(panel: Panel) -> bool:
     """Whether anything is said of where the panel emits."""
     return panel.emitters is not None or all(opening.emitters is not None for opening in panel.openings)
@@ -309,8 +301,7 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
         what = f"cells of {emitters.cell_nm} nm do not divide a dot of {panel.dot_nm} nm"
         raise JobError("MF119", what, where=where, cure="Use cells that divide a dot")
     per_dot = panel.dot_nm // emitters.cell_nm
-    clear = np.kron(opening.mask, np.ones((per_dot, per_dot), dtype=np.bool_))
-    over = int((clear & (labels > 0)).sum())
+    over = int((refined(opening.mask, per_dot) & (labels > 0)).sum())
     if over:
         what = f"{over} cells of the emitters lie over an opening"
         raise JobError("MF119", what, where=where, cure="Move the emitters behind the closed area")

@@ -74,9 +74,9 @@ class EmitterGrid:
         return self.gutter_nm // self.cell_nm
 
 
-def finest_cell(dots: int, dot_nm: int) -> int:
-    """The smallest cell, in nanometres, that divides a dot and leaves no more than 128 of them along a pixel."""
-    return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
+def finest_cell(dots: int, dot_nm: int, most: int = MOST_CELLS) -> int:
+    """The smallest cell, in nanometres, that divides a dot and leaves no more than so many of them along a pixel."""
+    return next(dot_nm // parts for parts in range(max(1, most // dots), 0, -1) if dot_nm % parts == 0)
 
 
 def check_widths(rules: EmitterRules, side_nm: int, *, where: str) -> None:

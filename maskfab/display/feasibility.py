@@ -34,7 +34,15 @@ from maskfab.display.drive import (
     relative_life,
 )
 from maskfab.display.emitter_pieces import placed_in_pieces
-from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, check_widths, grid_of
+from maskfab.display.emitter_rules import (
+    Certificate,
+    EmitterGrid,
+    EmitterRules,
+    Footprint,
+    Verdict,
+    check_widths,
+    grid_of,
+)
 from maskfab.display.evenness import Evenness, evenness
 from maskfab.display.free_area import Borders, borders, meetings
 from maskfab.display.limits import EyeAndLife, Judgement, judgement
@@ -163,21 +171,21 @@ class Feasibility:
 
     required: float
     footprint: Footprint
-    emitters: Emitters | None
-    share: float
-    borders: Borders | None
-    broken: tuple[Violation, ...]
     room: Room
-    own_rooms: tuple[Room, ...]
-    density_ma_per_cm2: Triple | None
-    life: Triple | None
-    centroid_px: tuple[float, float]
-    wander_px: float
+    circuits: Circuits | None
     wiring: Wiring | None
-    reaches: tuple[Reach, ...]
     given: bool
     light: LightDemand
-    circuits: Circuits | None = None
+    emitters: Emitters | None = None
+    share: float = 0.0
+    borders: Borders | None = None
+    broken: tuple[Violation, ...] = ()
+    own_rooms: tuple[Room, ...] = ()
+    density_ma_per_cm2: Triple | None = None
+    life: Triple | None = None
+    centroid_px: tuple[float, float] = (0.0, 0.0)
+    wander_px: float = 0.0
+    reaches: tuple[Reach, ...] = ()
     even: Evenness | None = None
     judged: Judgement | None = None
 
@@ -244,95 +252,81 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         return None
     if rules.wires is not None:
         check_wires(panel, rules.wires)
-    opening, used = panel.common, _used(panel)
+    opening, given = panel.common, _given(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
-    largest_found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
-    emitters = _given(panel)
-    given = emitters is not None
-    if emitters is None:
-        emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
-        # In pixels that lie alike there is nothing to see but the lattice.
-        if rules.pieces and len(used) > 1 and (largest or largest_found.verdict is not Verdict.FITS):
-            viewing = rules.eye.viewing(panel.cell_size.pitch_um)
-            largest_found, emitters = placed_in_pieces(
-                largest_found,
-                emitters,
-                opening,
-                grid,
-                used,
-                rules.emitters,
-                keep=rules.keep,
-                viewing=viewing,
-                limits=rules.eye.limits,
-                larger=rules.eye.asks_evenness,
-            )
-    room = pixel_room(opening, panel.dot_nm, rules.circuit)
-    circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)
-    wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
-    if emitters is None:
-        required, nowhere = rules.emitters.required, (0.0, 0.0)
-        return Feasibility(
-            required,
-            largest_found,
-            None,
-            0.0,
-            None,
-            (),
-            room,
-            (),
-            None,
-            None,
-            nowhere,
-            0.0,
-            wires,
-            (),
-            given,
-            rules.light,
-            circuits,
-        )
-    pixel_um2 = (panel.cell_size.pitch_um) ** 2
-    red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
-    shares = (red, green, blue)
-    density = current_density(rules.light, shares)
-    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
-    life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
-    lit = replace(panel, emitters=emitters)
-    broken = violations(lit, rules.emitters)
-    # Emitters that break the rules say nothing of how large those can be that keep them.
-    if given and not broken:
-        largest_found = _judged(largest_found, emitters, shares, rules.emitters)
-    return Feasibility(
+    found, emitters = _found(panel, grid, rules, given, largest=largest)
+    answer = Feasibility(
         rules.emitters.required,
-        largest_found,
-        emitters,
-        footprint_of(shares, rules.emitters),
-        None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
-        broken,
-        room,
-        () if rules.circuit.min_width_nm % emitters.cell_nm else emitter_rooms(emitters, rules.circuit),
-        density,
-        (life[0], life[1], life[2]),
-        luminance_centroid(emitters, panel.pitch_nm),
-        wander(emitters, panel.pitch_nm, used),
-        wires,
-        () if wires is None else reaches(~opening.mask, emitters),
-        given,
+        found,
+        pixel_room(opening, panel.dot_nm, rules.circuit),
+        None if rules.boxes is None else place_circuits(panel, opening, rules.boxes),
+        None if rules.wires is None else wiring(panel, opening, rules.wires),
+        given is not None,
         rules.light,
-        circuits,
-        evenness(lit, rules.eye.viewing(panel.cell_size.pitch_um)) if _lit(emitters) else None,
+    )
+    return answer if emitters is None else _with_emitters(answer, emitters, panel, grid, rules)
+
+
+def _found(
+    panel: Panel, grid: EmitterGrid, rules: DisplayRules, given: Emitters | None, *, largest: bool
+) -> tuple[Footprint, Emitters | None]:
+    """How large emitters can be, and those that a panel takes: those given, or else the best that are found."""
+    opening, used = panel.common, _used(panel)
+    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
+    if given is not None:
+        return found, given
+    emitters = centred(found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+    # In pixels that lie alike there is nothing to see but the lattice.
+    if not rules.pieces or len(used) == 1 or not (largest or found.verdict is not Verdict.FITS):
+        return found, emitters
+    viewing = rules.eye.viewing(panel.cell_size.pitch_um)
+    return placed_in_pieces(
+        found,
+        emitters,
+        opening,
+        grid,
+        used,
+        rules.emitters,
+        keep=rules.keep,
+        viewing=viewing,
+        limits=rules.eye.limits,
+        larger=rules.eye.asks_evenness,
     )
 
 
-def _lit(emitters: Emitters) -> bool:
-    """Whether every colour emits, so that white can be shown."""
-    return min(emitters.areas_um2) > 0
-
-
-def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
-    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels."""
-    if panel.tiling is Tiling.HEXAGONAL:
-        return None
-    return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
+def _with_emitters(
+    answer: Feasibility, emitters: Emitters, panel: Panel, grid: EmitterGrid, rules: DisplayRules
+) -> Feasibility:
+    """The answer about a panel whose pixels have these emitters, measured."""
+    opening, placed = panel.common, answer.footprint
+    red, green, blue = (area / panel.cell_size.pitch_um**2 for area in emitters.areas_um2)
+    shares = (red, green, blue)
+    density = current_density(rules.light, shares)
+    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
+    lasting = (relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
+    red_life, green_life, blue_life = lasting
+    lit = replace(panel, emitters=emitters)
+    broken = violations(lit, rules.emitters)
+    # Emitters that break the rules say nothing of how large those can be that keep them.
+    if answer.given and not broken:
+        placed = _judged(placed, emitters, shares, rules.emitters)
+    cells, own = refined(opening.mask, grid.per_dot), rules.circuit.min_width_nm % emitters.cell_nm == 0
+    return replace(
+        answer,
+        footprint=placed,
+        emitters=emitters,
+        share=footprint_of(shares, rules.emitters),
+        borders=None if answer.given else borders(emitters.labels, cells, grid, panel.orientations),
+        broken=broken,
+        own_rooms=emitter_rooms(emitters, rules.circuit) if own else (),
+        density_ma_per_cm2=density,
+        life=(red_life, green_life, blue_life),
+        centroid_px=luminance_centroid(emitters, panel.pitch_nm),
+        wander_px=wander(emitters, panel.pitch_nm, _used(panel)),
+        reaches=() if answer.wiring is None else reaches(~opening.mask, emitters),
+        # White can be shown where every colour emits.
+        even=evenness(lit, rules.eye.viewing(panel.cell_size.pitch_um)) if min(emitters.areas_um2) > 0 else None,
+    )
 
 
 def _used(panel: Panel) -> tuple[int, ...]:
@@ -535,12 +529,19 @@ def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) 
         progress("colour gaps", done, len(plate.dies))
         key = _key(die.panel)
         if key not in by_key:
-            by_key[key] = widest_gap(die.panel, rules)
+            by_key[key] = _widest_gap(die.panel, rules)
         answer = by_key[key]
         if answer is not None:
             gaps[die.name] = answer
     progress("colour gaps", len(plate.dies), len(plate.dies))
     return gaps
+
+
+def _widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
+    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels."""
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
 
 
 def _arguments(panel: Panel, rules: DisplayRules) -> ArgumentsFactory:

@@ -27,6 +27,7 @@ themselves are among those looked at, which can only make the answer smaller.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -170,14 +171,12 @@ def _largest(pieces: Sequence[_Piece], grid: EmitterGrid, ratio: Sequence[float]
         return 0.0
     steps = np.arange(1, pieces[0].total + 1)
     candidates = np.unique(np.concatenate([steps / part for part in set(ratio)]))
-    low, high = 0, len(candidates)
-    while low < high:
-        middle = (low + high) // 2
-        if _shared_out(pieces, _needs(float(candidates[middle]), grid, ratio), grid.colour_gap):
-            low = middle + 1
-        else:
-            high = middle
-    return float(candidates[low - 1]) if low else 0.0
+
+    def too_large(area: float) -> bool:
+        return not _shared_out(pieces, _needs(float(area), grid, ratio), grid.colour_gap)
+
+    fits = bisect.bisect_left(candidates, True, key=too_large)
+    return float(candidates[fits - 1]) if fits else 0.0
 
 
 def _certificate(

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Indices, Ints, Labels, Mask
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.base.model import ORIENTATIONS, orient, refined
 from maskfab.display.emitter_rules import EmitterGrid
 
 EVERY = tuple(range(ORIENTATIONS))
@@ -49,7 +49,7 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
     Returns:
         bool [..., n, n] on the grid's cells.
     """
-    clear = np.repeat(np.repeat(np.asarray(mask, dtype=np.bool_), grid.per_dot, axis=-2), grid.per_dot, axis=-1)
+    clear = refined(np.asarray(mask, dtype=np.bool_), grid.per_dot)
     n = grid.cells
     if clear.shape[-2:] != (n, n):
         what = (

@@ -152,6 +152,7 @@ def _neighbours(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[n
 
 
 _MOST_TRIED = 400
+"""Sets of ports before the best so far is returned as a lower bound."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +179,6 @@ def ports(
     symmetric: bool = True,
     enough: int | None = None,
     least: int = 0,
-    most_tried: int = _MOST_TRIED,
 ) -> Ports:
     """The most ports, the same at both ends, through which lines run in every given direction.
 
@@ -192,7 +192,6 @@ def ports(
         symmetric: whether the places must be mirror images of each other.
         enough: stop at so many; one more may come out where places are symmetric.
         least: fewer are of no use, so that none come out where there are no more.
-        most_tried: sets to try before the best so far is returned as a lower bound.
     """
     n = closed.shape[0]
     nets = [Net(closed, direction) for direction in directions]
@@ -222,7 +221,7 @@ def ports(
         most = len(chosen) + sum(len(orbit) for orbit in orbits[following:])
         if most <= len(best) or most < least or following == len(orbits):
             continue
-        if tried >= most_tried:
+        if tried >= _MOST_TRIED:
             return Ports(best, False)
         waiting.append((chosen, following + 1))
         larger = tuple(sorted(chosen + orbits[following]))

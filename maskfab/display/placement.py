@@ -7,6 +7,7 @@ grain; its contrast grows with the centroid's distance from its mean over orient
 
 from __future__ import annotations
 
+import bisect
 import heapq
 import math
 from collections.abc import Callable, Iterable
@@ -17,7 +18,7 @@ from itertools import permutations
 import numpy as np
 
 from maskfab.base.arrays import Labels, Mask
-from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient
+from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict, grid_of
 from maskfab.display.emitter_shapes import (
@@ -135,19 +136,16 @@ def largest_gap(
     gutter_nm: int,
     orientations: Iterable[int],
     rules: EmitterRules,
-    *,
-    step_nm: int | None = None,
-    seed: int = 0,
 ) -> LargestGap:
     """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one."""
     used = tuple(orientations)
-    step = step_nm or math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.min_width_nm)
+    step = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.min_width_nm)
     answers: dict[int, Footprint] = {}
 
     def answer(steps: int) -> Footprint:
         if steps not in answers:
             at = replace(rules, colour_gap_nm=steps * step)
-            answers[steps] = footprint(opening, dot_nm, gutter_nm, used, at, seed=seed)
+            answers[steps] = footprint(opening, dot_nm, gutter_nm, used, at)
         return answers[steps]
 
     last = opening.dots * dot_nm // step
@@ -220,14 +218,7 @@ def _two_squares(squares: Squares) -> int:
 
 def _last(last: int, holds: Callable[[int], bool]) -> int:
     """The last of 0 to ``last`` for which it holds, if it holds up to there and not beyond; -1 if for none."""
-    low, high = -1, last
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    return bisect.bisect_left(range(last + 1), True, key=lambda steps: not holds(steps)) - 1
 
 
 _PLACES = 12
@@ -283,7 +274,7 @@ def centred(
     triples = [(red, green, blue), *cut_triples(light.squares, least * min(ratio), _PLACES)]
     levels = sorted({best, (best + least) / 2, least}, reverse=True)
     candidates = [light.trimmed(shapes, level) for level in levels for shapes in light.most_promising(triples, level)]
-    clear = np.kron(opening.mask, np.ones((grid.per_dot, grid.per_dot), dtype=np.bool_))
+    clear = refined(opening.mask, grid.per_dot)
     offset = round(math.hypot(*luminance_centroid(largest, grid.pitch_nm)), _DIGITS)
     keyed = [(*light.key(shapes), shapes) for shapes in candidates if light.footprint(shapes) >= least - 1e-9]
     for distance, area, shapes in sorted(keyed, key=lambda candidate: candidate[:2]):

@@ -44,7 +44,7 @@ def test_samples_that_cells_do_not_divide_hold_exact_areas(slit_panel):
 
 def test_emitters_turn_as_openings_do(slit_panel):
     panel = slit_panel()
-    tiles = emitted_light.emission(panel, 42)
+    tiles = np.stack([tile.samples(42) for tile in emitted_light.tiles_of(panel)])
     assert tiles.shape == (8, 3, 42, 42)
     for turn in range(8):
         for colour in range(3):

@@ -40,7 +40,7 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import PLANE_COLOURS, Colour, Frame, Lattice, Pattern, letters, same_sensor
-from maskfab.camera.frames.stack import SIGMA_OF_MAD, check_stack, mean_beside
+from maskfab.camera.frames.stack import SIGMA_OF_MAD, check_stack, mean_beside, require_gain
 from maskfab.mask.formats.exr import Fact, write_channels
 
 _HOT, _ALONE = 6.0, 8.0
@@ -320,9 +320,7 @@ def merged(
     """
     check_stack(frames)
     same_sensor([frames[0], *dark, *flat])
-    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
-        what = f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons"
-        raise SourceError("MF335", what, cure="Give a gain above 0 and a read noise of 0 or more")
+    require_gain(electrons_per_count, read_noise_e)
     times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
     lattices = list(enumerate(frames[0].lattices))
     dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if all(frame.whole for frame in frames) else 0.0)

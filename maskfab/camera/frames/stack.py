@@ -199,14 +199,8 @@ def _spots(frame: Frame) -> Singles:
 
 def _unspiked(values: Singles) -> Singles:
     """No pixel brighter than the brightest of its eight neighbours: a hot one alone makes no spot."""
-    rows, columns = values.shape
-    padded = np.pad(values, 1, constant_values=-np.inf)
-    beside = np.full_like(values, -np.inf)
-    for down in range(3):
-        for right in range(3):
-            if (down, right) != (1, 1):
-                np.maximum(beside, padded[down : down + rows, right : right + columns], out=beside)
-    return np.minimum(values, beside)
+    beside = ndimage.maximum_filter(values, footprint=_AROUND > 0, mode="constant", cval=-np.inf)
+    return np.asarray(np.minimum(values, beside))
 
 
 def _level(spots: Singles) -> float:
@@ -380,6 +374,13 @@ def _misfit(pixels: _Pixels, slope: float, floor: float) -> float:
         for part in parts
     ]
     return float(sum(off) / max(len(off) - 2, 1))
+
+
+def require_gain(electrons_per_count: float, read_noise_e: float, where: str = "") -> None:
+    """Refuse a gain or a read noise that no sensor has (MF335)."""
+    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
+        what = f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons"
+        raise SourceError("MF335", what, where=where, cure="Give a gain above 0 and a read noise of 0 or more")
 
 
 def _unknown(what: str, cure: str) -> SourceError:

@@ -154,12 +154,8 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         # The root evens out the noise, so that the peak does not drown what tells dies apart.
         seen = np.sqrt(np.clip(np.where(capture.valid, capture.light, 0.0), 0, None))
         expected = np.sqrt(np.clip(picture, 0, None))
-        # The full cross-correlation has no move at [rows - 1, columns - 1].
-        rows, columns = (2 * length - 1 for length in seen.shape)
-        size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
-        mirrored = (expected - expected.mean())[::-1, ::-1]
-        product = scipy.fft.rfft2(seen - seen.mean(), size) * scipy.fft.rfft2(mirrored, size)
-        correlation = np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
+        # It has no move at [rows - 1, columns - 1].
+        correlation = scipy.signal.correlate(seen - seen.mean(), expected - expected.mean(), method="fft")
         y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
         step_x = float(capture.pixels.x_um[1] - capture.pixels.x_um[0])
         step_y = float(capture.pixels.y_um[1] - capture.pixels.y_um[0])

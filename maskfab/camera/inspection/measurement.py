@@ -57,6 +57,7 @@ _SPECKLES_PER_PANEL = 3.0
 _UNLIKE = 3.0
 """Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
 _NOTHING = Promise()
+_CHECK = "Check the camera and the light of the job, and that this is a point light behind its plate"
 _STRETCHED = 0.1
 """Change of scale from which camera or light are others than the job's."""
 
@@ -139,8 +140,7 @@ def measured(
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
             f"{told.factor:.1f} standard deviations"
         )
-        cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
-        raise SourceError("MF339", what, cure=cure)
+        raise SourceError("MF339", what, cure=_CHECK)
     mirrored = (best.way_round >= 4) != seen_mirrored
     width_um = panels[best.die].dot_nm * UM_PER_NM
     cause = _cause(merged, told, best, panels, others or {}, progress)
@@ -270,8 +270,8 @@ def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> Source
         f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
         f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, and a picture {setting.scale:+.0%} larger"
     )
-    cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
-    return SourceError("MF339", what, cure=cure if there is None else f"This is die {there}: name it (--die {there})")
+    cure = _CHECK if there is None else f"This is die {there}: name it (--die {there})"
+    return SourceError("MF339", what, cure=cure)
 
 
 def light_of(

@@ -78,10 +78,6 @@ class NormalSums:
     beside: Floats
     right: Floats
 
-    def __post_init__(self) -> None:
-        for name in ("knots_px", "diagonal", "beside", "right"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     @property
     def step_px(self) -> float:
         return float(self.knots_px[1] - self.knots_px[0])

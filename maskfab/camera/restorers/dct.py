@@ -245,8 +245,7 @@ class Published:
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
         """See :class:`maskfab.camera.record.Restorer`; as published, light above white is left."""
-        rows, columns = record.values.shape[1:]
-        margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
+        margin = Margin.around(record.values, self.width)
         calm = margin.dark(denoised(record))
         spectrum = np.asarray(scipy.fft.rfft2(calm, axes=(1, 2), workers=1))
         transfer = blur.on(margin.shape)

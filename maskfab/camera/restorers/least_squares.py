@@ -228,9 +228,7 @@ class Smooth:
     @classmethod
     def of(cls, record: Record, blur: Blur, width: int) -> Smooth:
         """A record with surroundings of a width in pixels."""
-        rows, columns = record.values.shape[1:]
-        margin = Margin((rows + 2 * width, columns + 2 * width), width)
-        clipped = record.clipped
+        margin, clipped = Margin.around(record.values, width), record.clipped
         seen = Seen(margin, blur.on(margin.shape), record.values, (~clipped).astype(np.float32))
         return cls(seen, clipped, margin.mirrored(record.values), prior(margin.shape))
 

@@ -161,8 +161,7 @@ class Learned:
     def restored(self, planes: Singles, blur: Blur) -> Singles:
         """Light of what is shown of a record, float32 [3, rows, columns] within 0 to 1."""
         before, mended = light_of(planes[:COLOURS]), self.mended(planes)
-        rows, columns = mended.shape[1:]
-        margin = Margin((rows + 2 * _AROUND, columns + 2 * _AROUND), _AROUND)
+        margin = Margin.around(mended, _AROUND)
         passed = np.square(abs(blur.on(margin.shape)))
         change = margin.blurred(margin.mirrored(before - mended), passed / (passed + np.float32(_TRUST)))
         return np.asarray(np.clip(mended + change, 0, 1))
