@@ -134,21 +134,10 @@ class Design(Blur, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Isoplanatic(ABC):
-    """A design through which every point of a scene spreads alike; its transfers are kept for later scenes."""
+class KeptBlur(ABC):
+    """A blur whose transfers are kept for later scenes."""
 
-    name: str
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
-
-    @property
-    @abstractmethod
-    def transmission(self) -> float:
-        """Share of the stop's light that passes."""
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """None: one transfer is all there is."""
-        return ()
 
     @abstractmethod
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
@@ -165,6 +154,23 @@ class Isoplanatic(ABC):
             transfer.flags.writeable = False
             self._kept[shape] = transfer
         return self._kept[shape]
+
+
+@dataclass(frozen=True, eq=False)
+class Isoplanatic(KeptBlur):
+    """A design through which every point of a scene spreads alike."""
+
+    name: str
+
+    @property
+    @abstractmethod
+    def transmission(self) -> float:
+        """Share of the stop's light that passes."""
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """None: one transfer is all there is."""
+        return ()
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
         return margin.through(light, self.on(margin.shape))

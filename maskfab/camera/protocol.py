@@ -44,7 +44,6 @@ from maskfab.camera.sensor import F1_SENSOR, LEVELS, Exposure, record_light
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 from maskfab.optics.colour import code_of_light
 
-
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]
 STRENGTHS = (
