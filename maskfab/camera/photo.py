@@ -322,7 +322,6 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
     Args:
         light: [3, rows, columns] in units of each colour's own white.
     """
-    require_stops(stops)
     colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
     return np.asarray(np.clip(colours * np.float32(2.0**stops), 0, 1))
 

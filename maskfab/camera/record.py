@@ -38,7 +38,6 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Blur, Transfer
 
 _GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
@@ -52,10 +51,6 @@ _ON_RED_ROWS, _ON_BLUE_ROWS = (slice(0, None, 2), slice(1, None, 2)), (slice(1, 
 
 def sampled(light: Singles) -> Singles:
     """The one colour that every pixel records, [rows, columns] of [3, rows, columns]."""
-    rows, columns = light.shape[1:]
-    if rows % 2 or columns % 2:
-        what = f"a mosaic of 2 x 2 pixels does not fill {columns} x {rows}"
-        raise JobError("MF140", what, where="sensor.mosaic", cure="Cut the photographs to even sides")
     seen = np.array(light[1])
     seen[_RED], seen[_BLUE] = light[0][_RED], light[2][_BLUE]
     return seen
@@ -213,12 +208,6 @@ def merged(exposures: Sequence[Record]) -> Record:
     Returns:
         A record with the noise of all, and the full well of the shortest: what that one clips is clipped.
     """
-    if not exposures:
-        raise JobError("MF105", "there are no exposures", where="brackets", cure="Give one or more")
-    sizes = {record.values.shape for record in exposures}
-    if len(sizes) > 1:
-        shapes = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
-        raise JobError("MF121", f"exposures of one scene have {shapes} pixels", where="brackets", cure="Give one size")
     ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
     values = ordered[0].values
     for _ in range(2):

@@ -20,7 +20,6 @@ import numpy as np
 import scipy
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.base.errors import JobError
 from maskfab.base.quantities import columns
 from maskfab.base.units import decimals_of
 from maskfab.camera.imaging import LARGE
@@ -290,9 +289,6 @@ class ScoreTable:
 
     def gains(self, reference: str) -> tuple[Gain, ...]:
         """Paired gains of every other design over the reference, behind the same restorer."""
-        if not any(score.design == reference for score in self.scores):
-            what = f"no design is called {reference}"
-            raise JobError("MF105", what, where="reference", cure="Give as reference the name of one of the designs")
         cases: dict[tuple[str, float, str], list[tuple[Score, Score]]] = {}
         for score in self.scores:
             if score.design != reference:
@@ -352,9 +348,6 @@ class Crop:
     def of(self, picture: Singles) -> Singles:
         """That part of a picture [3, rows, columns], a copy."""
         rows, columns = picture.shape[1:]
-        if not (0 < self.rows <= rows and 0 < self.columns <= columns):
-            what = f"a crop of {self.columns} x {self.rows} pixels of a picture of {columns} x {rows}"
-            raise JobError("MF104", what, where="crop", cure="Cut out 1 pixel or more, and no more than there are")
         top, left = (rows - self.rows) // 2, (columns - self.columns) // 2
         return picture[:, top : top + self.rows, left : left + self.columns].copy()
 

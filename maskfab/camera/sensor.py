@@ -52,13 +52,7 @@ def record_light(
         seed: of ``numpy.random.default_rng``; the same seed gives the same record. It draws the same normal numbers
             whatever the light, so that a pixel's noise behind one design is paired with that behind another.
         gain: analog gain; None for that of the sensor in this light.
-
-    Raises:
-        JobError: MF104 for electrons that are not positive and finite; MF140 for a mosaic on odd sides.
     """
-    if not (np.isfinite(electrons) and electrons > 0):
-        what = f"{electrons:g} electrons of white are not above 0"
-        raise JobError("MF104", what, cure="Give the scene more light")
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     draw = np.random.default_rng(seed)
     plane = light if sensor.mosaic == "none" else sampled(light)

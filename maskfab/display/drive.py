@@ -58,13 +58,6 @@ class CircuitRules:
     shared_by: int = 1
     min_width_nm: int = 8000
 
-    def __post_init__(self) -> None:
-        for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                what = f"{name} = {value:g} is not positive"
-                raise JobError("MF104", what, where="circuit", cure=f"Give {name} above 0")
-
     @property
     def pixel_need_um2(self) -> float:
         return self.need_um2 * self.circuits / self.shared_by
@@ -162,12 +155,6 @@ class LightDemand:
     shares: Triple = SHARES
     ageing_exponent: float = 1.44
 
-    def __post_init__(self) -> None:
-        _check("luminance", (self.luminance_cd_per_m2,))
-        _check("efficacy", self.efficacy_cd_per_a)
-        _check("shares", self.shares)
-        _check("ageing_exponent", (self.ageing_exponent,))
-
 
 def current_density(light: LightDemand, area_shares: Triple) -> Triple:
     """Current density of red, green and blue at white, in mA/cm².
@@ -175,7 +162,6 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
     Args:
         area_shares: each emitter's area over the pixel's, gutter included.
     """
-    _check("area share", area_shares, highest=1.0)
     red, green, blue = (
         MA_PER_CM2 * light.luminance_cd_per_m2 * share / (efficacy * area)
         for share, efficacy, area in zip(light.shares, light.efficacy_cd_per_a, area_shares, strict=True)
@@ -185,8 +171,6 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
 
 def relative_life(density: float, reference: float, exponent: float = LightDemand.ageing_exponent) -> float:
     """Life at a current density over that at another: (J / J_ref)^-n."""
-    _check("current density", (density, reference))
-    _check("ageing_exponent", (exponent,))
     return float((density / reference) ** -exponent)
 
 
@@ -207,11 +191,3 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
     return left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply
-
-
-def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:
-    for value in values:
-        if not (math.isfinite(value) and 0 < value <= highest):
-            limit = "positive and finite" if highest == math.inf else f"above 0 and at most {highest:g}"
-            what = f"{name} = {value:g} is not {limit}"
-            raise JobError("MF104", what, where="light", cure=f"Give {name} as a number {limit}")

@@ -92,16 +92,16 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
         image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
 
     Raises:
-        JobError: MF121 if the panel has no emitters or too few pixels, or the image is none; MF119 if an emitter lies
+        JobError: MF121 if the panel has no emitters or too few pixels; MF119 if an emitter lies
             over an opening or off the grid of dots; MF115 if there would be too many samples.
     """
-    rows, columns = _checked(image)
-    return Tiled.of(panel, rows, columns).light(image, samples)
+    return Tiled.of(panel, *image.shape[:2]).light(image, samples)
 
 
 def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
     """The image on a display whose pixels shine evenly over all of their area in every colour: the reference."""
-    _check_samples(*_checked(image), samples)
+    rows, columns = image.shape[:2]
+    _check_samples(rows, columns, samples)
     even = np.repeat(np.repeat(np.moveaxis(image, -1, 0), samples, axis=1), samples, axis=2)
     return EmittedLight(_still(even), samples, pitch_um)
 
@@ -213,7 +213,7 @@ class Tiled:
 
     def light(self, image: Floats, samples: int) -> EmittedLight:
         """The image [rows, columns, 3] on the pixels, ``samples`` along each."""
-        rows, columns = _checked(image)
+        rows, columns = image.shape[:2]
         _check_samples(rows, columns, samples)
         tiles = np.stack([tile.samples(samples) for tile in self.tiles])
         rgb = np.empty((3, rows, samples, columns, samples))
@@ -231,7 +231,7 @@ class Tiled:
         kind's own. Its coefficients are the discrete transform of the picture on those pixels, times the transform of
         the kind's emitters, which are rectangles; summed over kinds. No samples along a pixel are needed.
         """
-        rows, columns = _checked(image)
+        rows, columns = image.shape[:2]
         frame = _frame((rows, columns), self.pitch_um, viewing, highest_cpd)
         y, x = _orders(frame)
         for kind in np.unique(self.held):
@@ -309,15 +309,6 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
         if not (labels == number).any():
             raise JobError("MF121", f"no part of a pixel emits {colour}", where=where, cure=f"Give {colour} an emitter")
     return emitters
-
-
-def _checked(image: Floats) -> tuple[int, int]:
-    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        what = f"an array of shape {image.shape} is not a picture"
-        raise JobError("MF121", what, cure="Give [rows, columns, 3], not empty")
-    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
-        raise JobError("MF121", "a picture's light is not within 0 to 1", cure="Scale the picture to 0 to 1")
-    return image.shape[0], image.shape[1]
 
 
 def _check_samples(rows: int, columns: int, samples: int) -> None:

@@ -270,7 +270,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
 def _found(
     panel: Panel, grid: EmitterGrid, rules: DisplayRules, given: Emitters | None, *, largest: bool
 ) -> tuple[Footprint, Emitters | None]:
-    """How large emitters can be, and those that a panel takes: those given, or else the best that are found."""
+    """Footprint of a panel's emitters, and those that it takes: those given, or else the best that are found."""
     opening, used = panel.common, _used(panel)
     found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
     if given is not None:

@@ -28,7 +28,6 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Indices, Ints, Labels, Mask
-from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient, refined
 from maskfab.display.emitter_rules import EmitterGrid
 
@@ -51,12 +50,6 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
     """
     clear = refined(np.asarray(mask, dtype=np.bool_), grid.per_dot)
     n = grid.cells
-    if clear.shape[-2:] != (n, n):
-        what = (
-            f"an opening of {mask.shape[-2]} x {mask.shape[-1]} dots of {grid.per_dot} cells is not the pixel of "
-            f"{n} x {n} cells"
-        )
-        raise JobError("MF117", what, where="emitters", cure="Make the grid from this opening")
     over = max(0, grid.to_opening - grid.gutter)
     if over == 0:
         taken = _grown(clear, grid.to_opening)

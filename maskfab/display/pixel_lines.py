@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Indices, Ints, Mask
-from maskfab.base.errors import JobError
 from maskfab.base.model import Opening
 
 
@@ -32,23 +31,11 @@ class WireRules:
 
     Attributes:
         clearance_nm: least distance from an opaque line to any opening.
-
-    Raises:
-        JobError: MF120 if the line has no width or a distance is negative.
     """
 
     line_nm: int = 3000
     space_nm: int = 3000
     clearance_nm: int = 2500
-
-    def __post_init__(self) -> None:
-        if self.line_nm <= 0 or self.space_nm <= 0 or self.clearance_nm < 0:
-            what = (
-                f"lines of {self.line_nm} nm, {self.space_nm} nm apart and {self.clearance_nm} nm from openings "
-                "cannot be drawn"
-            )
-            cure = "Give positive widths and spaces, and a clearance of 0 or more"
-            raise JobError("MF120", what, where="wiring", cure=cure)
 
 
 def lines_per_layer(width_nm: int, rules: WireRules) -> int:
@@ -70,9 +57,6 @@ class Net:
     """
 
     def __init__(self, closed: Mask, direction: Direction) -> None:
-        if closed.ndim != 2 or closed.shape[0] != closed.shape[1]:
-            what = f"lines through dots {closed.shape} cannot be counted"
-            raise JobError("MF120", what, where="wiring", cure="Give a square of dots")
         self.direction = direction
         self._upright = np.ascontiguousarray(closed if direction == "vertical" else closed.T)
         self._ids = np.flatnonzero(self._upright)

@@ -65,22 +65,6 @@ def test_the_ideal_display_shines_evenly():
     assert (light.rgb[:, 3:6, 6:9] == image[1, 2][:, None, None]).all()
 
 
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((0, 3, 3)),
-        np.zeros((3, 3)),
-        np.full((3, 3, 3), np.nan),
-        np.full((3, 3, 3), np.inf),
-        np.full((3, 3, 3), 1.5),
-        np.full((3, 3, 3), -0.1),
-    ],
-)
-def test_what_is_no_picture_is_refused(slit_panel, image):
-    with pytest.raises(JobError, match="MF121"):
-        emitted_light.show(slit_panel(count=3), image, 3)
-
-
 def test_what_cannot_be_shown_is_refused_with_the_cure(slit_panel):
     panel = slit_panel(count=3)
     grey = pictures.flat(3)

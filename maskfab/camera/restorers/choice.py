@@ -64,7 +64,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
 from maskfab.camera.record import Record, Restorer, interpolated, sampled
 from maskfab.camera.restorers.dct import denoised
@@ -257,10 +256,6 @@ class Choice:
         Args:
             record: of at least 8 pixels along a side.
         """
-        names = [restorer.name for restorer in self.restorers]
-        if not names or len(set(names)) < len(names) or not set(names) <= set(epsilons):
-            what = f"restorers {', '.join(names) or 'none'} with strengths for {', '.join(epsilons) or 'none'}"
-            raise JobError("MF105", what, where="restorers", cure="Name each restorer once, with a strength")
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
         shares, criteria, expected = {0: 1.0}, dict[str, float](), dict[str, float]()
         if len(tried) > 1:

@@ -46,7 +46,6 @@ import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maskfab.base.arrays import Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import MARGIN, Blur, Margin
 from maskfab.camera.record import MergedNoise, Noise, Record, Restorer, interpolated
 from maskfab.camera.restorers.least_squares import Gradient
@@ -137,10 +136,6 @@ class Dct:
 
 def denoised(record: Record, threshold: float = THRESHOLD) -> Singles:
     """Light [3, rows, columns] of a record, in units of white, with less noise; below 0 where the dark was."""
-    rows, columns = record.values.shape[1:]
-    if min(rows, columns) < WINDOW:
-        what = f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side"
-        raise JobError("MF121", what, cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more")
     white = np.ones((3, WINDOW, WINDOW), dtype=np.float32)
     stable = stabilised(record.values, record.noise)
     return unbiased(smoothed(stable, mosaic_noise() if record.interpolated else white, threshold), record.noise)
