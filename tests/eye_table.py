@@ -17,7 +17,7 @@ from maskfab.base.arrays import Floats, Labels
 from maskfab.base.model import Emitters, Opening, orient
 from maskfab.display import emitter_pieces
 from maskfab.display.drive import LightDemand, current_density, relative_life
-from maskfab.display.emitted_light import EmittedLight, Viewing, emission, series
+from maskfab.display.emitted_light import EmittedLight, Viewing, series, tiles_of
 from maskfab.display.emitter_pieces import in_pieces, look, pieces_bound
 from maskfab.display.emitter_rules import EmitterRules, grid_of
 from maskfab.display.evenness import evenness
@@ -50,7 +50,10 @@ def of_fits() -> Iterator[Row]:
     built = displays(load_job(LAYOUTS / "display_that_fits.toml"))
     panel = next(die.panel for die in built.plate.dies if die.name == "FITS")
     panel = replace(panel, emitters=whole(panel.opening))
-    tiles, drawn = emission(panel, 14), np.random.default_rng(0).integers(8, size=(100, 100))
+    tiles, drawn = (
+        np.stack([tile.samples(14) for tile in tiles_of(panel)]),
+        np.random.default_rng(0).integers(8, size=(100, 100)),
+    )
     share = footprint_of(panel.emitters)
     yield "fits, each colour one area, as mapped (picture)", *pictured(tiles, panel.orientations), share
     yield "the same, orientations drawn (picture)", *pictured(tiles, drawn), share

@@ -19,7 +19,7 @@ Notes:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Psf
-from maskfab.camera.imaging import Blur, Transfer
+from maskfab.camera.imaging import Blur, KeptBlur, Transfer
 from maskfab.camera.record import of_cells
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.formats.exr import PREFIX, Channels, read_channels
@@ -51,7 +51,7 @@ _MOST_CUT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredBlur:
+class MeasuredBlur(KeptBlur):
     """Blur by a point spread function of pixels.
 
     Attributes:
@@ -68,7 +68,6 @@ class MeasuredBlur:
     pixel_um: float | None = None
     of_cells: bool = False
     outside: float | None = None
-    _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def lack(self) -> str:
@@ -76,20 +75,8 @@ class MeasuredBlur:
         share = "light" if self.outside is None else f"{100 * self.outside:.2g} % of the light"
         return f"{share} beyond its pixels is not undone; with the job of its die (--job) it is, as designed"
 
-    def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
-        if shape not in self._kept:
-            transfer = self._transfer(shape)
-            transfer.flags.writeable = False
-            self._kept[shape] = transfer
-        return self._kept[shape]
-
     def within(self, rows: int, columns: int) -> tuple[MeasuredBlur, tuple[str, ...]]:
-        """The blur as far as it fits a photograph, the centre kept, and a sentence on the light that this leaves out.
-
-        Raises:
-            SourceError: MF351 if half of a colour's light is left out.
-        """
+        """The blur as far as it fits a photograph, the centre kept, and a sentence on the light left out (MF351)."""
         sides = self.kernels.shape[1:]
         if sides[0] <= rows and sides[1] <= columns:
             return self, ()
@@ -322,7 +309,6 @@ class WholeBlur:
         return cls(design, replace(measured, kernels=light - inner), (*measured.told, said))
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`; complex64."""
         return np.asarray(self.design.on(shape) + self.change.on(shape))
 
 
@@ -352,14 +338,12 @@ class StandingBlur:
 
     Attributes:
         drawn: by the die as drawn, y upwards.
-        way_round: one of :data:`maskfab.camera.blur.STANDS`.
     """
 
     drawn: Blur
     way_round: int = 0
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         rows, columns = shape
         mirrored = self.way_round >= 4
         if self.way_round % 2 == 0:

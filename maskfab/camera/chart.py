@@ -77,7 +77,6 @@ class ChartMatrix:
         matrix: [3, 3] from balanced colours to linear sRGB.
         delta_e: CIE 1976 of every patch that was used, [n].
         delta_e_left_out: the same of each patch by the matrix of all others, [n].
-        left_out: sentences on patches that were not used.
     """
 
     matrix: Floats
@@ -144,7 +143,6 @@ def chart_matrix(
     Args:
         patches: in pixels of the photograph as it was taken.
         light: of the restored photograph in balanced colours, [3, rows, columns].
-        record: that it was restored from, of as many pixels.
         binned: pixels of the photograph along the side of one of ``light``.
 
     Raises:

@@ -86,7 +86,6 @@ class StopView:
     Attributes:
         openings: everything clear in front of the stop, as an object at infinity would show it.
         gap_um: from openings to stop, as an object at infinity would show it.
-        image_um: place on the sensor, from the axis.
 
     Raises:
         JobError: MF114 if the openings do not cover the stop from there.
@@ -132,12 +131,7 @@ class StopView:
         return stop_amplitude(self._near(1), self.camera.stop)[1]
 
     def transfer(self, lines: Lines, samples: Samples, y: Floats, x: Floats) -> Transfer:
-        """H of some lines at the frequencies where rows y cross columns x, cycles per pixel, [y, x].
-
-        Raises:
-            JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
-                one sample to the next, or as :func:`maskfab.optics.gap.stop_field`.
-        """
+        """H of some lines at the frequencies where rows y cross columns x, cycles per pixel, [y, x]."""
         shadow = self.shadow(lines.shadow, samples.shadow, y, x)
         if not self.choice.diffraction:
             return shadow
@@ -207,7 +201,6 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
     """H of one line where rows y cross columns x, times its weight, [y, x].
 
     Args:
-        lags: of the amplitude behind the stop.
         cycle_um: the lag of one cycle per pixel, λd / pixel.
         y, x: frequencies in cycles per pixel.
     """
@@ -269,8 +262,6 @@ class DieTransfer(Isoplanatic):
     """Transfer of one die before one camera, for the light of one place in the scene: a design to be photographed.
 
     Attributes:
-        samples: of a phase on the axis.
-        lines: that stand for red, green and blue light.
         by_samples, by_lines: error of H by either, measured at some frequencies; ``by_samples`` is None where there is
             no phase, until somebody asks.
     """
@@ -283,14 +274,10 @@ class DieTransfer(Isoplanatic):
 
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
         y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
-        return self._at(y, x)
+        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
 
     def at(self, image_um: Place) -> DieTransfer:
-        """The transfer at another place of the image, from the axis in micrometres to the right and down the picture.
-
-        Raises:
-            JobError: MF114 if the die does not cover the stop from there.
-        """
+        """The transfer at another place of the image, micrometres from the axis to the right and down the picture."""
         return replace(self, view=self.view.at(image_um))
 
     def through(self, openings: Aperture, finer: int) -> DieTransfer:
@@ -298,7 +285,6 @@ class DieTransfer(Isoplanatic):
 
         Args:
             openings: as :func:`maskfab.optics.pupil.panel_aperture` lays them out, on parts of dots.
-            finer: parts along a dot.
         """
         view = self.view
         distance = modelled_distance_um(view.choice, view.scene, view.object_um)
@@ -307,13 +293,8 @@ class DieTransfer(Isoplanatic):
         return replace(self, view=replace(view, openings=shown), samples=samples)
 
     @cached_property
-    def probe(self) -> Transfer:
-        """H at some frequencies, dense where it falls steeply, [3, n, m]: where errors are measured."""
-        return self._at(*_PROBED)
-
-    @cached_property
     def error(self) -> float:
-        """Largest error of H at the frequencies of ``probe``, by samples and lines together."""
+        """Largest error of H at frequencies where it falls steeply, by samples and lines together."""
         by_samples = self.by_samples
         if by_samples is None:
             middle = line_spectrum([self.lines[-1].shadow.centroid_nm])
@@ -328,9 +309,6 @@ class DieTransfer(Isoplanatic):
         colours = self.lines if self.view.choice.diffraction else self.lines[:1]
         passed = [self.view.passed_um2(lines.gap.centroid_nm, self.samples) for lines in colours]
         return min(1.0, sum(passed) / len(passed) / self.view.camera.stop.area_um2)
-
-    def _at(self, y: Floats, x: Floats) -> Transfer:
-        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
 
 
 def die_transfer(
@@ -503,11 +481,7 @@ _OWN_WORDS = ("curve of the rim", "field between places", "width of the bands")
 
 
 def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = None) -> tuple[str, ...]:
-    """Sentences on what the photographs of a die leave out; none where they hold all that the job states.
-
-    Args:
-        plan: that the transfer follows; None if it holds all of the scene.
-    """
+    """Sentences on what the photographs of a die leave out; none where they hold all that the job states."""
     return (*by_plan(scene, plan), *_by_lens(scene), *_by_plate(panel, scene, blank))
 
 

@@ -82,13 +82,7 @@ def _between(shape: tuple[int, ...]) -> Singles:
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """One scene behind one design without noise.
-
-    Attributes:
-        true: code values, [3, rows, columns].
-        seen: light on the sensor, likewise.
-        spectrum: of that light, mirrored, [3, rows, half].
-    """
+    """One scene behind one design without noise."""
 
     true: Singles
     seen: Singles
@@ -107,9 +101,6 @@ class Stills:
     """Scenes behind one design without noise, restored by a few ε, which tell every ε between them.
 
     Attributes:
-        linear: whether scenes are linear light.
-        nodes: these ε, ascending.
-        stills: the scenes, by keys of their own.
         few: one pixel of 16: light restored by every one of these ε, [nodes, 3, rows, columns], code values, and light
             on the sensor, [3, rows, columns].
         products: mean of the products of two of their filters over all frequencies by size, [3, nodes, nodes].
@@ -185,14 +176,7 @@ class Stills:
 def _errors(
     restored: Singles, true: Singles, seen: Singles, passed: Floats | Singles, noise: Noise, *, linear: bool
 ) -> Singles:
-    """Expected squared errors of code values, [3, rows, columns].
-
-    Args:
-        restored: light restored without noise, [3, rows, columns]; overwritten by the errors.
-        true: code values.
-        seen: light that was recorded.
-        passed: share of a record's variance that the filter lets through, [3, rows, columns] or 1 of these.
-    """
+    """Expected squared errors of code values, [3, rows, columns]."""
     means, ratios = _of_normal(linear)
     lights, apart = (_MOST - _LEAST) * _PER_LIGHT, math.log(_SPREADS[1] / _SPREADS[0])
     from_first = _between(restored.shape[1:]) - np.float32(math.log(_SPREADS[0]) / apart)

@@ -115,15 +115,7 @@ def _basis(f: Floats, cos: Floats, sin: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """Frequencies of a square's half plane that count, and bins of them.
-
-    Attributes:
-        side: pixels of the square.
-        use: [side, half] those that count: not the axes, which a frame's edges and rows of noise fill.
-        y, x, f, cos, sin: of these, [n].
-        basis: of the smooth spectra, mean over every bin, [bins, values].
-        squares: mean of (2 f)^0, ^2 and ^4 over every bin.
-    """
+    """Frequencies of a square's half plane that count, and bins of them."""
 
     side: int
     use: NDArray[np.bool_]
@@ -176,12 +168,7 @@ def _penalty(values: Floats, stiff: float) -> tuple[float, Floats]:
 def _fitted(
     plane: _Plane, power: Floats, noise: Floats, spread: Sequence[float], stiff: float
 ) -> tuple[Floats, Floats, float]:
-    """Values of the smooth spectrum that are likeliest, log factors of the noise, and log-likelihood below 0.
-
-    Args:
-        spread: of the log of its level, and of its change along f² and f⁴.
-        stiff: weight of second differences over the knots.
-    """
+    """Values of the smooth spectrum that are likeliest, log factors of the noise, and log-likelihood below 0."""
     basis, squares = plane.basis, plane.squares[:, : len(spread)]
     known, size = np.array(spread), plane.basis.shape[1]
 
@@ -271,14 +258,7 @@ def _likelihood(seen: Floats, signal: Floats, structure: Floats) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A record's spectrum over its smooth fit, where the signal stands above the noise.
-
-    Attributes:
-        seen: periodogram over the smooth fit, [3, n].
-        signal: share of the fit that is signal, [3, n].
-        smooth: values of the signal's smooth power, of each colour.
-        power: mean periodogram in bins, of each colour.
-    """
+    """A record's spectrum over its smooth fit, where the signal stands above the noise."""
 
     plane: _Plane
     seen: Floats
@@ -313,13 +293,7 @@ class _Seen:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A blur beside its design.
-
-    Attributes:
-        scale: of its frequencies.
-        turn: of them, in radians.
-        gain: of log-likelihood over the smooth part alone.
-    """
+    """A blur beside its design: its frequencies' scale and turn in radians, and what log-likelihood that gains."""
 
     scale: float = 1.0
     turn: float = 0.0
@@ -425,8 +399,6 @@ class Explained:
         chance: mean and standard deviation of the gain at angles that no camera has.
         wrong: q, and what it would be if the blur were none, see the head of this file.
         rival: name and gain of another blur that explains the record better, if one does.
-        strength: ε that goes with the record's own spectrum.
-        trusted: whether the blur was undone as it is said to be, whatever the record says.
     """
 
     verdict: str
@@ -524,7 +496,6 @@ class FittedBlur:
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         if shape not in self._kept:
             rows, columns = shape
             odd = np.iscomplexobj(self.transfer)
@@ -552,7 +523,6 @@ def explain(
 
     Args:
         record: of at least 128 pixels along a side.
-        noise: of every colour, as :func:`maskfab.camera.noise_spectrum.noise_of` tells it.
         rivals: makers of other blurs by name, of which one may explain it better; tried where this one does not.
     """
     square = _middle(record, LARGEST)

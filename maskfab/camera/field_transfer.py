@@ -53,7 +53,6 @@ class FieldNodes:
 
     Attributes:
         y_um, x_um: from the axis, which is the picture's middle, down and to the right; ascending, one or more.
-        shape: rows and columns of the picture.
     """
 
     y_um: Floats
@@ -113,11 +112,7 @@ class FieldChange:
 
     @classmethod
     def of(cls, transfer: DieTransfer, plan: Plan, shape: tuple[int, int]) -> FieldChange:
-        """Of a die on pictures of a shape, with the fewest nodes and components that the plan's accuracy allows.
-
-        Raises:
-            JobError: MF114 if the die does not cover the stop from a place of the field.
-        """
+        """Of a die on pictures of a shape, with the fewest nodes and components that the plan's accuracy allows."""
         view = transfer.view
         places = _Places.of(transfer, plan.accuracy, FieldNodes.of(view, shape, 3).places[-1])
         for count in PHASED_COUNTS if places.phased else COUNTS:
@@ -187,17 +182,14 @@ class OverField:
     _kept: dict[tuple[int, int], FieldChange] = field(default_factory=dict, init=False, repr=False)
 
     def through(self, openings: Aperture, finer: int) -> OverField:
-        """Other openings, see :meth:`maskfab.camera.die_transfer.DieTransfer.through`."""
         return OverField(self.transfer.through(openings, finer), self.plan)
 
     @property
     def name(self) -> str:
-        """Name of the die."""
         return self.transfer.name
 
     @property
     def transmission(self) -> float:
-        """Share of the stop's light that passes on the axis."""
         return self.transfer.transmission
 
     def on(self, shape: tuple[int, int]) -> Transfer:
@@ -206,7 +198,6 @@ class OverField:
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Sentences on how the point spread errs, once a scene was blurred."""
         sizes: dict[str, list[str]] = {}
         for (rows, columns), change in self._kept.items():
             count = change.nodes.y_um.size
@@ -221,17 +212,12 @@ class OverField:
         return tuple(f"in scenes of {', '.join(alike)} pixels {sentence}" for sentence, alike in sizes.items())
 
     def change(self, shape: tuple[int, int]) -> FieldChange:
-        """Over pictures of that shape; kept for the scenes that follow.
-
-        Raises:
-            JobError: MF114 if the die does not cover the stop from a place of the field.
-        """
+        """Over pictures of that shape; kept for the scenes that follow."""
         if shape not in self._kept:
             self._kept[shape] = FieldChange.of(self.transfer, self.plan, shape)
         return self._kept[shape]
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """See :class:`maskfab.camera.imaging.Design`; errors as for :meth:`change`."""
         seen = self.transfer.blurred(light, margin)
         self.change(margin.shape).add(light, margin, seen)
         return seen
@@ -239,14 +225,7 @@ class OverField:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Changes of the point spread from the axis to places of the image.
-
-    Attributes:
-        view: on the axis; without diffraction over the gap where that is the axis's everywhere.
-        axis: point spread on the axis, [3 n n].
-        scale: its norm, in whose units changes are.
-        left_out: relative L2 error of taking diffraction over the gap as on the axis.
-    """
+    """Changes of the point spread from the axis to places of the image."""
 
     view: StopView
     samples: Samples

@@ -130,29 +130,14 @@ class Design(Blur, Protocol):
         """Sentences on how its blur errs, once a scene was blurred."""
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1.
-
-        Args:
-            light: of the scene, float32 [3, rows, columns], white is 1.
-        """
+        """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1."""
 
 
 @dataclass(frozen=True, eq=False)
-class Isoplanatic(ABC):
-    """A design through which every point of a scene spreads alike; its transfers are kept for later scenes."""
+class KeptBlur(ABC):
+    """A blur whose transfers are kept for later scenes."""
 
-    name: str
     _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
-
-    @property
-    @abstractmethod
-    def transmission(self) -> float:
-        """Share of the stop's light that passes."""
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """None: one transfer is all there is."""
-        return ()
 
     @abstractmethod
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
@@ -170,8 +155,24 @@ class Isoplanatic(ABC):
             self._kept[shape] = transfer
         return self._kept[shape]
 
+
+@dataclass(frozen=True, eq=False)
+class Isoplanatic(KeptBlur):
+    """A design through which every point of a scene spreads alike."""
+
+    name: str
+
+    @property
+    @abstractmethod
+    def transmission(self) -> float:
+        """Share of the stop's light that passes."""
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """None: one transfer is all there is."""
+        return ()
+
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """See :class:`Design`."""
         return margin.through(light, self.on(margin.shape))
 
 
@@ -183,9 +184,6 @@ class RestoredBy:
     :func:`maskfab.camera.die_transfer.die_transfer` at different ``object_um``, ``RestoredBy(near, far)`` costs what
     knowing no distance does; ``RestoredBy(die, other)``, what calibrating by another die does. Light, noise and scores
     are those of ``seen``.
-
-    Attributes:
-        known: whose transfer restorers are given.
     """
 
     seen: Design
@@ -193,23 +191,18 @@ class RestoredBy:
 
     @property
     def name(self) -> str:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.name
 
     @property
     def transmission(self) -> float:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.transmission
 
     @property
     def told(self) -> tuple[str, ...]:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.told
 
     def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """See :class:`Design`, of what is photographed."""
         return self.seen.blurred(light, margin)
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """H of what is known."""
         return self.known.on(shape)

@@ -63,9 +63,7 @@ class Lessons:
     """All lessons behind a design, by their number; the same every time.
 
     Attributes:
-        protocol: that photographs are taken by, in linear light.
         levels: of light, one of which is drawn for each, dB.
-        shape: rows and columns of drawn scenes.
     """
 
     protocol: Protocol
@@ -127,13 +125,13 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 
 
 def kept_for_validation(
-    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
+    photographs: Sequence[Photograph], count: int, *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
     """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
 
     The last photograph is kept where there are several.
     """
-    held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
+    held_back = [drawn(_FIRST - 1 - k, 3 * k, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return held_back, photographs
     return [*held_back, photographs[-1]], photographs[:-1]
@@ -155,9 +153,7 @@ class Course:
     """Settings of a training.
 
     Attributes:
-        rate: of the descent.
         patch: rows and columns, at most those of a lesson.
-        first: lessons to begin with.
         known: lessons at a time; beyond, the oldest makes way for a new one.
         fresh: steps after which a new one is given.
     """
@@ -285,11 +281,7 @@ def named(start: str, state: Mapping[str, NDArray[np.generic]]) -> dict[str, tor
 
 
 def device_of(asked: str) -> str:
-    """The device of torch that is asked for; "auto" is CUDA where there is any.
-
-    Raises:
-        JobError: MF105 for one that is not there.
-    """
+    """The device of torch that is asked for; "auto" is CUDA where there is any."""
     there = torch.cuda.is_available()
     chosen = ("cuda" if there else "cpu") if asked == "auto" else asked
     if chosen not in ("cpu", "cuda") or (chosen == "cuda" and not there):
@@ -313,9 +305,6 @@ class Trade:
     """The die, camera and light that a network is trained behind.
 
     Attributes:
-        digest: SHA-256 of the resolved job.
-        light: of scenes, linear or code values taken for it.
-        levels: of light, dB.
         images: names of the photographs, none where scenes were drawn alone.
         transfer: H of the die at some frequencies.
     """
@@ -331,11 +320,7 @@ class Trade:
     transfer: Transfer
 
     def require(self, other: Trade, where: str, cure: str = _USE) -> None:
-        """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for.
-
-        Raises:
-            JobError: MF148.
-        """
+        """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for."""
         for what in ("die", "camera", "sensor", "light"):
             own, wanted = getattr(self, what), getattr(other, what)
             if own != wanted:
@@ -362,11 +347,7 @@ class Checkpoint:
     state: Arrays
 
     def require(self, trade: Trade, seed: int, where: str) -> None:
-        """Refuse to train it further for anything else, or with other levels, photographs or seed.
-
-        Raises:
-            JobError: MF148.
-        """
+        """Refuse to train it further for anything else, or with other levels, photographs or seed."""
         own = self.trade
         own.require(trade, where, _GO_ON)
         if set(own.levels) != set(trade.levels):
@@ -475,9 +456,7 @@ class Run:
     """A training, and how it went so far.
 
     Attributes:
-        history: as of :class:`maskfab.camera.learning.Checkpoint`.
         clock: of the budget, from the beginning of the command's work.
-        earlier_s: seconds that it took before.
         fewest: steps in all that are worth their time; fewer are refused by a clock that refuses.
     """
 
@@ -507,11 +486,7 @@ class Run:
         clock: Clock,
         progress: Progress,
     ) -> Run:
-        """One that begins, or goes on from a checkpoint.
-
-        Raises:
-            JobError: MF150 for a clock that refuses what it cannot keep, as soon as the scenes done show it.
-        """
+        """One that begins, or goes on from a checkpoint."""
         levels = trade.levels
         # What is to come takes no less than what made the die ready.
         clock.require(clock.spent, SET_UP, "minutes")
@@ -593,11 +568,7 @@ def told(row: Mapping[str, float]) -> str:
 def fitted(
     protocol: Protocol, design: Design, levels: Sequence[float], scenes: Sequence[Photograph], clock: Clock
 ) -> View:
-    """The view whose second picture suits the scenes best, on average at every level.
-
-    Raises:
-        JobError: MF150 as :meth:`Run.of`.
-    """
+    """The view whose second picture suits the scenes best, on average at every level."""
     strengths, begun = {}, clock.spent
     for done, level in enumerate(levels, start=1):
         table = evaluate([design], scenes, scenes, [level], protocol=protocol, restorers=(Dct(),), details=False)

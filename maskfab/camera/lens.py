@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Singles
 from maskfab.base.cell_size import CellSize
-from maskfab.base.errors import JobError, OpeningError
+from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Panel, Tiling, orient, refined, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.job.camera import Camera, Stop
-from maskfab.mask.opening_masks import closed
 from maskfab.optics.gap import turned
 from maskfab.optics.restoration import squared_modulus
 from maskfab.optics.stop import Waves, stop_dots
@@ -46,7 +45,6 @@ class PhotoCamera:
     """A lens behind the panel, and the sensor's pixels.
 
     Attributes:
-        focal_um: focal length.
         stop: alike under the eight elements of D4, as the cells are turned and mirrored.
         pixel_um: side of a pixel, which is sensitive all over.
         wavelengths_nm: the longest first; three are red, green and blue.
@@ -75,11 +73,7 @@ class PhotoCamera:
 
     @classmethod
     def of(cls, camera: Camera, *, where: str = "", colours: bool = False) -> PhotoCamera:
-        """The parts of a job's camera that photographs depend on.
-
-        Raises:
-            JobError: MF133 as for the type; MF134 for other than three wavelengths where colours are wanted.
-        """
+        """The parts of a job's camera that photographs depend on."""
         try:
             lens = cls(camera.focal_um, camera.stop, camera.pixel_um, camera.wavelengths_nm)
             _ = colours and lens.colours_nm
@@ -193,12 +187,7 @@ class CellGrid:
         return stop_dots(self.camera.stop, self.side, self.dot_um)
 
     def turned(self, waves: Waves) -> Complexes:
-        """Amplitude behind the open stop of light with a phase, constant over a dot, [side, side].
-
-        Raises:
-            JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
-                one dot to the next.
-        """
+        """Amplitude behind the open stop of light with a phase, constant over a dot, [side, side]."""
         middles = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
         try:
             return turned(waves, middles, middles, self.stop)
@@ -292,7 +281,6 @@ class Laid(Isoplanatic):
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """See :func:`pupil_transfer`. Raises JobError MF134 for a camera of other than three wavelengths."""
         return pupil_transfer(self.pupil, self.lattice, shape)
 
 
@@ -312,34 +300,16 @@ def lay(
         orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
             :func:`maskfab.base.model.orient`; None draws them as protocol F1 does, with
             ``default_rng(seed).integers(8 · units)``.
-        dot_nm: side of a dot; None for cells of 168 um.
         room: the cells, in place of the fewest of such dots behind protocol F1's stop.
-
-    Raises:
-        OpeningError: MF201 if the openings are not square; MF202 if they are neither clear nor opaque; MF203 if closed.
-        JobError: MF122 for orientations of another shape, or of units that are not there; MF104, MF115 as
-            :func:`lattice`.
     """
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
-    if stack.ndim != 3 or stack.shape[1] != stack.shape[2] or stack.size == 0:
-        what = f"the opening has the shape {np.shape(units)}"
-        raise OpeningError("MF201", what, where=name, cure="Give an array of dots x dots")
-    if stack.dtype != np.bool_ and not np.isin(stack, (0, 1)).all():
-        what = "the opening has other values than 0 and 1"
-        raise OpeningError("MF202", what, where=name, cure="Threshold the opening to 0 (opaque) and 1 (clear)")
-    if not stack.any():
-        raise closed(0, stack.size, where=name, cure="Give an opening with at least 1 clear dot")
     kinds = ORIENTATIONS * len(stack)
     room = lattice(stack.shape[1], dot_nm, where=name) if room is None else room
     size = room.cells, room.cells
     if orientations is None:
         orientations = np.random.default_rng(seed).integers(kinds, size=size).astype(np.int8)
     turned = np.asarray(orientations)
-    if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
-        reach = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
-        cure = f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}"
-        raise JobError("MF122", f"the orientations have the shape {turned.shape}{reach}", where=name, cure=cure)
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
@@ -381,9 +351,7 @@ class OpenStop:
     Attributes:
         table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle; complex behind a lens whose
             phase is not the same turned by 180 degrees.
-        dots: within the stop.
         per_cycle: lag in dots that belongs to one cycle per pixel.
-        orders: multiples of the sampling frequency that are folded back.
         whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
     """
 
@@ -448,11 +416,7 @@ class OpenStop:
 
 
 def pupil_transfer(pupil: Floats, room: CellGrid, shape: tuple[int, int]) -> Singles:
-    """H of a pupil [side, side] on such cells for pictures of a shape, float32 [3, rows, columns / 2 + 1]; 1 at 0.
-
-    Raises:
-        JobError: MF134 for a camera of other than three wavelengths.
-    """
+    """H of a pupil [side, side] on such cells for pictures of a shape, float32 [3, rows, columns / 2 + 1]; 1 at 0."""
     y, x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
     table = pupil_autocorrelation(pupil)
     table /= table[room.side - 1, room.side - 1]

@@ -39,24 +39,19 @@ _MOST = 4.0
 _WIDTH = 64
 
 
-def tapered_power(squares: Singles) -> Floats:
+def tapered_power(blocks: Singles) -> Floats:
     """Periodogram of squares [n, side, side] under Hann's window, per pixel, [n, side, side / 2 + 1]."""
-    side = squares.shape[1]
+    side = blocks.shape[1]
     along = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(side) / side)
     taper = along[:, None] * along
-    level = (squares * taper).sum(axis=(1, 2), keepdims=True) / taper.sum()
-    power = np.square(abs(scipy.fft.rfft2((squares - level) * taper, axes=(1, 2), workers=1)))
+    level = (blocks * taper).sum(axis=(1, 2), keepdims=True) / taper.sum()
+    power = np.square(abs(scipy.fft.rfft2((blocks - level) * taper, axes=(1, 2), workers=1)))
     return np.asarray(power / np.square(taper).sum())
 
 
 @dataclass(frozen=True)
 class NoiseSpectrum:
-    """Noise of a colour by frequency.
-
-    Attributes:
-        level: N(0), a variance.
-        bend: b and c.
-    """
+    """Noise of a colour by frequency: N(0), and b and c."""
 
     level: float
     bend: tuple[float, float] = (0.0, 0.0)
@@ -113,9 +108,9 @@ def _calm(plane: Singles, variance: Singles, clipped: NDArray[np.bool_]) -> Nois
 
     Full pixels show none, nor does what lies below black.
     """
-    blocks, expected = (_cut(values) for values in (plane, variance))
+    blocks, expected = (squares(values, _BLOCK) for values in (plane, variance))
     light, expected = blocks.mean(axis=(1, 2)), expected.mean(axis=(1, 2))
-    telling = (np.ptp(blocks, axis=(1, 2)) > 0) & ~_cut(clipped).any(axis=(1, 2))
+    telling = (np.ptp(blocks, axis=(1, 2)) > 0) & ~squares(clipped, _BLOCK).any(axis=(1, 2))
     if not telling.any():
         return NoiseSpectrum(1.0)
     lit = telling & (light >= np.quantile(light[telling], 0.1))
@@ -130,10 +125,11 @@ def _calm(plane: Singles, variance: Singles, clipped: NDArray[np.bool_]) -> Nois
     return NoiseSpectrum(math.exp(level), (bend[0], bend[1]))
 
 
-def _cut(plane: NDArray[Any]) -> Floats:
-    rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
-    blocks = plane[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
-    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(-1, _BLOCK, _BLOCK), dtype=np.float64)
+def squares(plane: NDArray[Any], side: int) -> Floats:
+    """The whole squares of so many pixels that a plane [rows, columns] holds, [n, side, side]."""
+    rows, columns = (length // side * side for length in plane.shape)
+    blocks = plane[:rows, :columns].reshape(rows // side, side, columns // side, side)
+    return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(-1, side, side), dtype=np.float64)
 
 
 def _whitening(noise: Sequence[NoiseSpectrum], shape: tuple[int, int]) -> Singles:
@@ -151,7 +147,6 @@ class WhitenedBlur:
     noise: tuple[NoiseSpectrum, ...]
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         return np.asarray(self.blur.on(shape) * _whitening(self.noise, shape))
 
 
@@ -161,8 +156,7 @@ def whitened(record: Record, noise: Sequence[NoiseSpectrum]) -> Record:
     factor = float(np.exp(np.mean(np.log([one.level / mean for one, mean in zip(noise, before, strict=True)]))))
     values = record.values
     if not all(one.white for one in noise):
-        _, rows, columns = values.shape
-        margin = Margin((rows + 2 * _WIDTH, columns + 2 * _WIDTH), _WIDTH)
+        margin = Margin.around(values, _WIDTH)
         even = margin.blurred(margin.mirrored(values), _whitening(noise, margin.shape))
         values = np.where(record.clipped, values, np.minimum(even, np.nextafter(np.float32(record.ceiling), -np.inf)))
     return replace(record, values=np.ascontiguousarray(values, dtype=np.float32), noise=record.noise.times(factor))

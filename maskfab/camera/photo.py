@@ -37,8 +37,9 @@ from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.chart import ChartMatrix
 from maskfab.camera.explained import EXPLAINED, FOREIGN, Explained, explain
 from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
+from maskfab.camera.frames.stack import require_gain
 from maskfab.camera.imaging import LARGE, Blur
-from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, whitened
+from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, squares, whitened
 from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
@@ -67,9 +68,6 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
         planes: [rows, columns] of each colour, as the pixels recorded it, black is 0 and white 1: interpolated pixels
             are not noisy enough.
         ceiling: light at which pixels are full; blocks that hold one do not count.
-
-    Raises:
-        SourceError: MF335 for fewer than some hundred blocks of 8 x 8 pixels that are not full.
     """
     parts = [_blocks(plane, ceiling) for plane in planes]
     light, rough, fine = (np.concatenate([part[k] for part in parts]) for k in range(3))
@@ -90,17 +88,11 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
 
 def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
     """Blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
-    rows, columns = (side // _BLOCK * _BLOCK for side in plane.shape)
     second = np.array([1.0, -2.0, 1.0], dtype=np.float32)
     fine = ndimage.correlate1d(ndimage.correlate1d(plane, second, axis=0), second, axis=1) / 6
-
-    def cut(values: Singles) -> Floats:
-        whole = values[:rows, :columns].reshape(rows // _BLOCK, _BLOCK, columns // _BLOCK, _BLOCK)
-        return np.asarray(whole.transpose(0, 2, 1, 3).reshape(-1, _BLOCK**2), dtype=np.float64)
-
-    means = cut(ndimage.uniform_filter(plane, 3))
-    clear = cut(plane).max(axis=1) < ceiling
-    return means.mean(axis=1)[clear], means.std(axis=1)[clear], np.median(abs(cut(fine)), axis=1)[clear]
+    means, held, rough = (squares(values, _BLOCK) for values in (ndimage.uniform_filter(plane, 3), plane, abs(fine)))
+    each, clear = (1, 2), held.max(axis=(1, 2)) < ceiling
+    return means.mean(axis=each)[clear], means.std(axis=each)[clear], np.median(rough, axis=each)[clear]
 
 
 def _line(light: Floats, variance: Floats) -> tuple[float, float]:
@@ -129,7 +121,6 @@ class Stated:
     Attributes:
         black, white: counts of no light, and of a full pixel.
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
-        read_noise_e: in electrons; goes with the gain.
         sensor: of the job; where it has a converter, and its gain is known, it tells both.
     """
 
@@ -146,10 +137,8 @@ class Stated:
             what = "gain and read noise are the noise together, and one of them is not stated"
             cure = "State both, or neither for an estimate by the photograph itself"
             raise JobError("MF105", what, where=missing, cure=cure)
-        gain, read = self.electrons_per_count, self.read_noise_e
-        if gain is not None and read is not None and not (0 < gain < np.inf and 0 <= read < np.inf):
-            what = f"a gain of {gain:g} electrons per count with a read noise of {read:g} electrons"
-            raise SourceError("MF335", what, where="gain", cure="Give a gain above 0 and a read noise of 0 or more")
+        if self.electrons_per_count is not None and self.read_noise_e is not None:
+            require_gain(self.electrons_per_count, self.read_noise_e, where="gain")
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +146,8 @@ class Photo:
     """A photograph that can be restored.
 
     Attributes:
-        name: of its file, without suffix.
-        record: of three colours, each in units of its own white.
         balance: by which they are multiplied for a neutral white, the least of them 1.
         matrix: [3, 3] from balanced colours to linear sRGB.
-        noise_stated: whether its noise was, and not estimated.
     """
 
     name: str
@@ -335,12 +321,7 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
 
     Args:
         light: [3, rows, columns] in units of each colour's own white.
-        stops: by which the picture is brightened, a factor of 2 each.
-
-    Raises:
-        JobError: MF104 for stops that are not finite, or beyond 16.
     """
-    require_stops(stops)
     colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
     return np.asarray(np.clip(colours * np.float32(2.0**stops), 0, 1))
 
@@ -374,15 +355,9 @@ def restored_light(
     Where the record speaks against the blur it stays as it is; trusted, the blur is undone as it is said to be.
 
     Args:
-        restorers: of which the best is taken.
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior, with which the blur is trusted; None for what each record speaks for.
-        bin: restore means over 2 x 2 pixels.
-        trust: undo the blur as it is said to be, whatever the record says.
         rivals: makers of other blurs by name, of which one may explain the photograph better; looked at unless trusted.
-
-    Raises:
-        JobError: MF142 for a photograph too large for the restorers that are named.
     """
     record, seen, sentences = photo.record, blur, photo.told
     if isinstance(blur, MeasuredBlur):
@@ -390,7 +365,7 @@ def restored_light(
         sentences = (*sentences, *lost)
     if bin:
         record, seen, sentences = binned(record), BinnedBlur(seen), (*sentences, "means over 2 x 2 pixels")
-        rivals = {name: partial(_binned, made) for name, made in rivals.items()}
+        rivals = {name: partial(lambda made: BinnedBlur(made()), made) for name, made in rivals.items()}
     if record.values[0].size > LARGE:
         if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
             what = (
@@ -415,23 +390,15 @@ def restored_light(
     return record, restored(even, blurred, restorers, least=found.strength, known=known), found, sentences
 
 
-def _binned(made: Callable[[], Blur]) -> Blur:
-    return BinnedBlur(made())
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class RestoredPhoto:
     """One photograph, restored.
 
     Attributes:
-        name: of its file, without suffix.
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
         restorer: that was used, or two with their shares.
         epsilon: strength of its prior, of two that of the larger share.
-        electrons: of white, by which its noise is known.
-        read_noise: in electrons.
-        clipped: share of its values that were full.
     """
 
     name: str
@@ -463,7 +430,6 @@ class RestoredPhoto:
 
         Args:
             won: by the restorer that was chosen, in units of each colour's own white.
-            blur: sentences on it.
             colours: by a chart; None for those of the photograph.
         """
         sentences = photo.told

@@ -40,10 +40,9 @@ from maskfab.camera.restorers.dct import EPSILON, Published
 from maskfab.camera.restorers.wiener import Ready, Wiener
 from maskfab.camera.scenes import Photograph, spectrum_of
 from maskfab.camera.scores import Crop, Score, ScoreTable, Truth, inner, psnr
-from maskfab.camera.sensor import F1_SENSOR, Exposure, record_light
+from maskfab.camera.sensor import F1_SENSOR, LEVELS, Exposure, record_light
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 from maskfab.optics.colour import code_of_light
-from maskfab.optics.mtf import LEVELS
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]
@@ -77,15 +76,10 @@ class Protocol:
         linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
-        strengths: grid of ε, ascending.
-        dark: nothing outside the sensor gives light.
         dimmed: pictures are scored as bright as the design leaves them, relative to the published display.
         restorers: that belong to it; none where any may be asked for.
         brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
-
-    Raises:
-        JobError: MF143 for brackets that are below 1, not finite, alike, or of code values.
     """
 
     name: str
@@ -263,14 +257,6 @@ def _check(
         protocol.exposure(level)
     for scene in (*test, *tuning):
         protocol.check(scene)
-    for design in designs:
-        if not 0 < design.transmission <= 1:
-            raise JobError(
-                "MF104",
-                f"the design passes {design.transmission:g} of the stop's light; it must be above 0 and at most 1",
-                where=design.name,
-                cure="Open some dots inside the stop",
-            )
 
 
 def _known(
@@ -299,12 +285,7 @@ def _known(
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """One design at one level of light; scenes by their ``id``.
-
-    Attributes:
-        seen: light of scenes that are not large on the sensor.
-        likenesses: of test scenes, empty where nobody asked for details.
-    """
+    """One design at one level of light; scenes by their ``id``."""
 
     protocol: Protocol
     design: Design

@@ -38,7 +38,6 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Blur, Transfer
 
 _GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
@@ -51,15 +50,7 @@ _ON_RED_ROWS, _ON_BLUE_ROWS = (slice(0, None, 2), slice(1, None, 2)), (slice(1, 
 
 
 def sampled(light: Singles) -> Singles:
-    """The one colour that every pixel records, [rows, columns] of [3, rows, columns].
-
-    Raises:
-        JobError: MF140 for odd sides.
-    """
-    rows, columns = light.shape[1:]
-    if rows % 2 or columns % 2:
-        what = f"a mosaic of 2 x 2 pixels does not fill {columns} x {rows}"
-        raise JobError("MF140", what, where="sensor.mosaic", cure="Cut the photographs to even sides")
+    """The one colour that every pixel records, [rows, columns] of [3, rows, columns]."""
     seen = np.array(light[1])
     seen[_RED], seen[_BLUE] = light[0][_RED], light[2][_BLUE]
     return seen
@@ -149,7 +140,6 @@ class MergedNoise:
         return np.asarray(1 / (precision + 1 / self.exposures[-1][0].variance(light)))
 
     def times(self, factor: float) -> MergedNoise:
-        """See :meth:`Noise.times`."""
         return MergedNoise(tuple((noise.times(factor), ceiling) for noise, ceiling in self.exposures))
 
     @property
@@ -215,21 +205,9 @@ class Restorer(Protocol):
 def merged(exposures: Sequence[Record]) -> Record:
     """One record of several of the same light, all in units of one white.
 
-    Args:
-        exposures: with their noise and their full wells, in any order.
-
     Returns:
         A record with the noise of all, and the full well of the shortest: what that one clips is clipped.
-
-    Raises:
-        JobError: MF105 without exposures; MF121 if they differ in size.
     """
-    if not exposures:
-        raise JobError("MF105", "there are no exposures", where="brackets", cure="Give one or more")
-    sizes = {record.values.shape for record in exposures}
-    if len(sizes) > 1:
-        shapes = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
-        raise JobError("MF121", f"exposures of one scene have {shapes} pixels", where="brackets", cure="Give one size")
     ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
     values = ordered[0].values
     for _ in range(2):
@@ -260,7 +238,6 @@ class BinnedBlur:
     fine: Blur
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.imaging.Blur`."""
         rows, columns = shape
         half = self.fine.on((2 * rows, 2 * columns))
         y, x = np.asarray(scipy.fft.fftfreq(2 * rows))[:, None], np.asarray(scipy.fft.rfftfreq(2 * columns))
@@ -287,7 +264,6 @@ def of_cells(places: NDArray[Any], colours: str) -> NDArray[Any]:
     """Red, green and blue of cells of a mosaic, [3, rows, columns], nothing interpolated.
 
     Args:
-        places: [4, rows, columns] of the cells' four places, row by row.
         colours: of the places, such as ``RGGB``; the mean of both greens counts.
     """
     return np.stack([places[[k for k in range(4) if colours[k] == colour]].mean(axis=0) for colour in "RGB"])

@@ -51,10 +51,6 @@ class Similarity:
         x' = x + u x + v y + shift_x,        y' = y + u y - v x + shift_y,
 
     turned counter-clockwise by atan2(v, 1 + u) and larger by sqrt((1 + u)² + v²).
-
-    Attributes:
-        u, v: of the turn and the scale.
-        shift_x, shift_y: of the middle, in pixels.
     """
 
     u: float = 0.0
@@ -74,17 +70,14 @@ class Similarity:
         """The similarity of the same pictures with so many times as many pixels along a side."""
         return Similarity(self.u, self.v, self.shift_x * times, self.shift_y * times)
 
-    def taken(self, second: Singles, shape: tuple[int, int], *, order: int, fill: float = 0.0) -> Singles:
+    def taken(self, second: Singles, shape: tuple[int, int], *, order: int) -> Singles:
         """The second picture [rows, columns] at the places of the first one's pixels, by splines of an order."""
         matrix = np.array([[1 + self.u, -self.v], [self.v, 1 + self.u]])
         middle = (np.array(shape) - 1) / 2
         there = (np.array(second.shape) - 1) / 2 + (self.shift_y, self.shift_x)
-        mode, cval = ("constant", fill) if order < 2 else ("mirror", 0.0)
-        return np.asarray(
-            ndimage.affine_transform(
-                second, matrix, there - matrix @ middle, shape, order=order, mode=mode, cval=cval, output=np.float32
-            )
-        )
+        offset, mode = there - matrix @ middle, "constant" if order < 2 else "mirror"
+        seen = ndimage.affine_transform(second, matrix, offset, shape, np.float32, order=order, mode=mode)
+        return np.asarray(seen)
 
 
 def rough_match(
@@ -97,7 +90,6 @@ def rough_match(
 
     Args:
         first, second: high-passed pictures of one scale, some 100 pixels along a side.
-        first_valid, second_valid: of their pixels, those that count.
     """
     size = tuple(scipy.fft.next_fast_len(a + b, real=True) for a, b in zip(first.shape, second.shape, strict=True))
 
@@ -157,7 +149,6 @@ class Registration:
     """Place of a second photograph of a scene against the first.
 
     Attributes:
-        where: the similarity.
         shift_error_px: half the 95 % interval of the shift to the right and of that downwards.
         turn_error_deg, scale_error: likewise.
         correlation: of both in the band of the fit.
@@ -356,8 +347,6 @@ class RegisteredPhoto:
     """A picture brought onto another.
 
     Attributes:
-        name: of its file, without suffix.
-        registration: how it lay against that.
         picture: float32 [3, rows, columns] of the other's shape, within 0 to 1; 0 beyond its own edges.
         gain, offset: of each colour, by which the other's light becomes this one's in the mean.
         difference: root of the mean squared difference that they leave, over pixels that both show and that are full in
@@ -398,9 +387,6 @@ def brought(
     Args:
         first, second: linear light within 0 to 1, [3, rows, columns].
         first_full, second_full: [rows, columns], pixels that were full.
-
-    Raises:
-        SourceError: as :func:`maskfab.camera.registration.registered`.
     """
     registration = registered(first, first_full, second, second_full, names[1])
     where, shape = registration.where, (first.shape[1], first.shape[2])

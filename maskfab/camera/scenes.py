@@ -54,7 +54,6 @@ class Photograph:
     """A scene for a protocol.
 
     Attributes:
-        number: seeds its noise.
         values: float32 [3, rows, columns], code values within 0 to 1.
         measured: its light in units of white where a file holds that rather than code values, else None; highlights
             are above 1.
@@ -134,11 +133,8 @@ def scene(
 
     Args:
         name: in tables; its digits, if it has no other characters, are the number.
-        values: code values within 0 to 1, or light.
         number: seeds the noise; None takes it from the name.
-        coded: whether they are code values.
         white: light that is white, more of which is a highlight; None where nobody states it, and 1 is white.
-        whole: keep all of it but for multiples of 64.
 
     Raises:
         JobError: MF121 if it is too small, not within 0 to 1, or negative, not finite, or unstated
@@ -196,10 +192,6 @@ def _require_light(name: str, picture: Singles, *, coded: bool, white: float | N
 def folder(path: str | Path, white: float | None = None, *, whole: bool = False) -> Folder:
     """Every photograph of a folder, by name.
 
-    Args:
-        white: light that is white in pictures of light, as for :func:`scene`.
-        whole: take whole pictures rather than their middle.
-
     Raises:
         SourceError: MF301 if there is no folder or no photograph in it; as
             :func:`maskfab.display.pictures.read_picture`.
@@ -231,11 +223,7 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
 
 
 def opaque(values: Singles, file: Path) -> Singles:
-    """The colours of a picture [rows, columns, channels], without its opacity.
-
-    Raises:
-        JobError: MF121 for one that is transparent anywhere.
-    """
+    """The colours of a picture [rows, columns, channels], without its opacity."""
     if values.shape[2] not in (2, 4):
         return values
     if values[:, :, -1].min() < 1:

@@ -20,7 +20,6 @@ import numpy as np
 import scipy
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.base.errors import JobError
 from maskfab.base.quantities import columns
 from maskfab.base.units import decimals_of
 from maskfab.camera.imaging import LARGE
@@ -45,11 +44,7 @@ def psnr(restored: Singles, truth: Singles) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A true picture, and what SSIM and S-CIELAB need of it, strip by strip; of a large one nothing is kept.
-
-    Attributes:
-        values: float32 [3, rows, columns].
-    """
+    """A true picture, and what SSIM and S-CIELAB need of it, strip by strip; of a large one nothing is kept."""
 
     values: Singles
     _local: dict[int, tuple[Singles, Singles]] = field(default_factory=dict, init=False, repr=False)
@@ -205,11 +200,8 @@ class Score:
 
     Attributes:
         level_db: signal-to-noise ratio of white behind the published display.
-        psnr: of the whole frame, dB.
         ssim: of the whole frame; NaN where nobody asked for it.
-        psnr_inner, ssim_inner: of the inner frame.
         delta_e, delta_e_inner: mean colour difference of S-CIELAB, NaN likewise; about 2.3 is just noticeable.
-        restorer: what restored it.
         chosen: restorer that was chosen, where ``restorer`` says that one was.
         drawn: whether PSNR and ε are of one draw of the noise; otherwise of the mean over it, see
             :mod:`maskfab.camera.expected`. SSIM and colours are always of a draw.
@@ -296,14 +288,7 @@ class ScoreTable:
         return f"{scores[0].restorer}: {listed}; regret {regret:.2f} dB"
 
     def gains(self, reference: str) -> tuple[Gain, ...]:
-        """Paired gains of every other design over the reference, behind the same restorer.
-
-        Raises:
-            JobError: MF105 if there is no such design.
-        """
-        if not any(score.design == reference for score in self.scores):
-            what = f"no design is called {reference}"
-            raise JobError("MF105", what, where="reference", cure="Give as reference the name of one of the designs")
+        """Paired gains of every other design over the reference, behind the same restorer."""
         cases: dict[tuple[str, float, str], list[tuple[Score, Score]]] = {}
         for score in self.scores:
             if score.design != reference:
@@ -361,15 +346,8 @@ class Crop:
     columns: int
 
     def of(self, picture: Singles) -> Singles:
-        """That part of a picture [3, rows, columns], a copy.
-
-        Raises:
-            JobError: MF104 if the picture is smaller, or the crop is empty.
-        """
+        """That part of a picture [3, rows, columns], a copy."""
         rows, columns = picture.shape[1:]
-        if not (0 < self.rows <= rows and 0 < self.columns <= columns):
-            what = f"a crop of {self.columns} x {self.rows} pixels of a picture of {columns} x {rows}"
-            raise JobError("MF104", what, where="crop", cure="Cut out 1 pixel or more, and no more than there are")
         top, left = (rows - self.rows) // 2, (columns - self.columns) // 2
         return picture[:, top : top + self.rows, left : left + self.columns].copy()
 
@@ -379,7 +357,6 @@ class Shot:
     """A photograph through a design, restored.
 
     Attributes:
-        score: of the whole frame and of the inner one.
         picture: part of it, float32 [3, rows, columns] within 0 to 1, row 0 on top; code values as the scene's.
     """
 
@@ -388,9 +365,5 @@ class Shot:
 
 
 def truth_of(scene: Photograph, crop: Crop) -> Singles:
-    """The crop of the scene itself.
-
-    Raises:
-        JobError: as :meth:`Crop.of`.
-    """
+    """The crop of the scene itself."""
     return crop.of(scene.margin.sensor(scene.values))

@@ -52,13 +52,7 @@ def record_light(
         seed: of ``numpy.random.default_rng``; the same seed gives the same record. It draws the same normal numbers
             whatever the light, so that a pixel's noise behind one design is paired with that behind another.
         gain: analog gain; None for that of the sensor in this light.
-
-    Raises:
-        JobError: MF104 for electrons that are not positive and finite; MF140 for a mosaic on odd sides.
     """
-    if not (np.isfinite(electrons) and electrons > 0):
-        what = f"{electrons:g} electrons of white are not above 0"
-        raise JobError("MF104", what, cure="Give the scene more light")
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     draw = np.random.default_rng(seed)
     plane = light if sensor.mosaic == "none" else sampled(light)
@@ -105,10 +99,6 @@ def poisson_quantile(mean: Singles, normal: Singles) -> Singles:
         n = m + sqrt(m) z + (z² - 1) / 6 - (z³ + 2 z) / (72 sqrt(m)) + (3 z⁴ + 7 z² - 16) / (810 m),
 
     which is the exact count but for every 400th pixel or fewer, there off by one; below, probabilities are summed.
-
-    Args:
-        mean: electrons m, of one axis, 0 or more.
-        normal: z, of as many numbers.
     """
     bright = np.maximum(mean, np.float32(_SERIES_FROM))
     root, square = np.sqrt(bright), normal * normal
@@ -135,12 +125,7 @@ _MOST_DB = 300.0
 
 @dataclass(frozen=True)
 class Exposure:
-    """Light of white.
-
-    Attributes:
-        electrons: of white behind the published display.
-        level_db: its signal-to-noise ratio there.
-    """
+    """Light of white: its electrons, and their signal-to-noise ratio, behind the published display."""
 
     electrons: float
     level_db: float
@@ -149,10 +134,6 @@ class Exposure:
     @classmethod
     def at(cls, level_db: float, sensor: Sensor, *, whole: bool = False) -> Exposure:
         """Light that gives white a signal-to-noise ratio behind the published display.
-
-        Args:
-            level_db: above 0, in decibels.
-            whole: round to whole electrons.
 
         Raises:
             JobError: MF141 if a full well cannot hold it, or for a level without light.
@@ -176,11 +157,7 @@ class Exposure:
     def of_scene(
         cls, luminance: float, time_s: float, efficiency: float, *, focal_ratio: float, pixel_um: float, sensor: Sensor
     ) -> Exposure:
-        """White of a luminance in cd/m², for a time in seconds, on pixels of a quantum efficiency.
-
-        Raises:
-            JobError: MF141 as :meth:`at`.
-        """
+        """White of a luminance in cd/m², for a time in seconds, on pixels of a quantum efficiency."""
         electrons = white_electrons(luminance, time_s, efficiency, focal_ratio, pixel_um)
         stated = f"white of {luminance:g} cd/m2 for {time_s:g} s at a quantum efficiency of {efficiency:g}"
         return cls._of(electrons, sensor, stated, lambda: _held_time(time_s * sensor.ceiling / electrons))
@@ -194,11 +171,7 @@ class Exposure:
         return exposure
 
     def check(self, sensor: Sensor, holds: Callable[[], str]) -> None:
-        """Refuse white that overflows a full well, or a stated gain, behind the published display.
-
-        Raises:
-            JobError: MF141.
-        """
+        """Refuse white that overflows a full well, or a stated gain, behind the published display."""
         if self.electrons > sensor.ceiling:
             gain = sensor.stated_gain or 1.0
             limit = f"the largest code at a gain of {gain:g}" if gain > 1 else "the full well"
@@ -211,11 +184,7 @@ class Exposure:
             raise JobError("MF141", what, where="exposure", cure=cure)
 
     def behind(self, transmission: float) -> float:
-        """Electrons of white behind a design that passes such a share of the stop's light, g.
-
-        Raises:
-            JobError: MF104 for a share outside (0, 1].
-        """
+        """Electrons of white behind a design that passes such a share of the stop's light, g."""
         if not 0 < transmission <= 1:
             what = f"a transmission of {transmission:g} is outside 0 to 1"
             raise JobError("MF104", what, cure="Open some of the stop")
@@ -254,9 +223,6 @@ def stated_light(section: ExposureSection | None, sensor: Sensor, camera: Camera
     """Levels of [exposure] in dB, and how it states them; protocol F1's where it states none.
 
     Of those, a full well that is smaller than protocol F1's holds less: its most stands for what it does not hold.
-
-    Raises:
-        JobError: MF141 for a light that cannot be.
     """
     if section is None or (section.snr, section.white, section.luminance) == (None, None, None):
         held = _held_levels(sensor)
@@ -355,14 +321,8 @@ def counted(sensor: Sensor | None, frame: Frame) -> tuple[float, float] | None:
 
         electrons for each count = full well / g / (white - black)
 
-    Args:
-        sensor: with a converter; None where the job states none.
-
     Returns:
         None without a converter, a gain, or counts of white.
-
-    Raises:
-        JobError: MF185 as :func:`gain_of_file`.
     """
     gain = None if sensor is None else gain_of_file(sensor, frame.name, frame.sensitivity)
     if sensor is None or gain is None or sensor.bits is None or not math.isfinite(frame.white):

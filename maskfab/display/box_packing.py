@@ -19,7 +19,7 @@ some boxes out and laying them anew. Proofs are of three kinds:
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
@@ -103,8 +103,6 @@ class Packed:
     """Places of boxes, as many as were found.
 
     Attributes:
-        places: of each box, in the order found.
-        complete: whether these are all boxes.
         exhausted: whether no places for all of them exist, for the search left none out.
     """
 
@@ -221,17 +219,11 @@ class Packing:
     # --- search ----------------------------------------------------------------------------------------------------
 
     def placed(self, *, nodes: int, seed: int = 0) -> Packed:
-        """Places for all boxes if any are found; else for as many as were.
-
-        Args:
-            nodes: boxes that the last search may lay, over all that it tries.
-        """
-        best: tuple[Place, ...] = ()
-        for order, view in self._orders(seed):
-            places = self._first_fit(order, view)
-            if len(places) == self.boxes:
-                return Packed(places, True)
-            best = max(best, places, key=len)
+        """Places for all boxes if any are found; else for as many as were."""
+        first = self._fitted(self._orders(seed))
+        if first.complete:
+            return first
+        best = first.places
         for heaviest_first in (True, False)[: self._tries(2)]:
             places = self._least_harm(heaviest_first=heaviest_first)
             if len(places) == self.boxes:
@@ -249,19 +241,16 @@ class Packing:
 
     def quickly(self) -> Packed:
         """Places by the first rule of thumb alone."""
-        best: tuple[Place, ...] = ()
-        for order, view in self._orders(None):
-            places = self._first_fit(order, view)
-            if len(places) == self.boxes:
-                return Packed(places, True)
-            best = max(best, places, key=len)
-        return Packed(best, False)
+        return self._fitted(self._orders(None))
 
     def by_groups(self) -> Packed:
         """Places by the first rule of thumb for boxes in groups alone: what costs least."""
-        order = self._by_group()
+        return self._fitted(product([self._by_group()], range(_VIEWS)))
+
+    def _fitted(self, orders: Iterable[tuple[Sequence[int], int]]) -> Packed:
+        """Places in the first of the orders that leaves no box out, else in the best of them."""
         best: tuple[Place, ...] = ()
-        for view in range(_VIEWS):
+        for order, view in orders:
             places = self._first_fit(order, view)
             if len(places) == self.boxes:
                 return Packed(places, True)
@@ -470,7 +459,6 @@ class _Lines:
     ``across``, rounded down. Rows are chosen by the cost of all that precede them.
 
     Attributes:
-        area: bool [rows, columns].
         turned: whether the area was transposed, so that rows are its columns.
     """
 

@@ -28,8 +28,6 @@ class BoxRules:
     """Boxes of the drive circuits of a pixel, and their gaps.
 
     Attributes:
-        gap_nm: between boxes, across pixels too.
-        turnable: whether a box may lie on its side.
         circuits: of one pixel, one for each subpixel.
         shared_by: pixels that take turns at one circuit.
     """
@@ -66,9 +64,6 @@ def check_boxes(rules: BoxRules, side_nm: int) -> None:
 
     Args:
         side_nm: of a pixel less its gutter.
-
-    Raises:
-        JobError: MF117 for a box or a gap wider than that.
     """
     side_um = side_nm / NM_PER_UM
     lengths = [

@@ -27,7 +27,7 @@ from maskfab.base.model import ORIENTATIONS, CircuitBox, Opening, Panel, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.box_packing import Kind, Packed, Packing, Place, Shortage
 from maskfab.display.circuit_boxes import BoxRules, check_boxes
-from maskfab.display.emitter_rules import Certificate, EmitterGrid, Proof, Verdict
+from maskfab.display.emitter_rules import Certificate, EmitterGrid, Proof, Verdict, finest_cell
 from maskfab.display.free_area import free_region
 from maskfab.display.polygon_check import Violation, circuit_violations
 
@@ -46,12 +46,7 @@ class Circuits:
     """Answer on the circuits of a pixel.
 
     Attributes:
-        verdict: whether all boxes have a place.
-        boxes: those placed, as many as were found a place for.
-        wanted: boxes of a pixel.
-        area_um2: of those wanted.
         certificate: why not all can be placed; None if they are, or it is not known.
-        broken: rules that their polygons break, measured by KLayout; empty where all is well.
     """
 
     verdict: Verdict
@@ -72,11 +67,7 @@ class Circuits:
 
 
 def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
-    """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither.
-
-    Raises:
-        JobError: MF117 as :func:`maskfab.display.circuit_boxes.check_boxes`.
-    """
+    """Boxes of a pixel of a panel in their places and measured, a proof that they have none, or neither."""
     pixel = _Pixel.of(panel, opening, rules)
     grid, found, proof = pixel.quick()
     if proof is not None:
@@ -92,11 +83,7 @@ def place_circuits(panel: Panel, opening: Opening, rules: BoxRules) -> Circuits:
 
 
 def no_place(panel: Panel, opening: Opening, rules: BoxRules) -> Certificate | None:
-    """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none.
-
-    Raises:
-        JobError: MF117 as :func:`place_circuits`.
-    """
+    """A proof, by what costs little, that the boxes of a pixel have no place; None where there is none."""
     _, _, proof = _Pixel.of(panel, opening, rules).quick()
     return proof
 
@@ -110,11 +97,7 @@ class _Grid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Pixel:
-    """A pixel in which boxes are placed.
-
-    Attributes:
-        panel, opening, rules: as for :func:`place_circuits`.
-    """
+    """A pixel in which boxes are placed."""
 
     panel: Panel
     opening: Opening
@@ -135,13 +118,13 @@ class _Pixel:
         cell_nm = math.gcd(dot_nm, rules.gap_nm, rules.to_opening_nm, beyond_nm, margin_nm, *sides)
         exact = opening.dots * dot_nm // cell_nm <= MOST_CELLS
         if not exact:
-            cell_nm = _cell_nm(opening.dots, dot_nm, MOST_CELLS)
+            cell_nm = finest_cell(opening.dots, dot_nm, MOST_CELLS)
         used = tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
         return cls(panel, opening, rules, used, cell_nm, exact)
 
     def quick(self) -> tuple[_Grid, Packed, Certificate | None]:
         """Places by a rule of thumb, first on a coarse grid; or a proof, whichever comes at less cost."""
-        coarse_nm = _cell_nm(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
+        coarse_nm = finest_cell(self.opening.dots, self.panel.dot_nm, _FEW_CELLS)
         if coarse_nm > self.cell_nm:
             coarse = self._grid(coarse_nm, up=True)
             found = coarse.packing.by_groups()
@@ -180,11 +163,6 @@ class _Pixel:
             for kind in rules.kinds
         )
         return _Grid(Packing(free, kinds, rules.held), cell_nm)
-
-
-def _cell_nm(dots: int, dot_nm: int, most: int) -> int:
-    """Side of the smallest cells that divide a dot and of which so many lie along a pixel at most."""
-    return next(dot_nm // parts for parts in range(max(1, most // dots), 0, -1) if dot_nm % parts == 0)
 
 
 def _reached(closed: Mask) -> Mask:

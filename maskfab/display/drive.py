@@ -49,25 +49,14 @@ class CircuitRules:
     Attributes:
         need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
             BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
-        circuits: how many of them one pixel holds.
         shared_by: pixels that share one circuit between them, in turn.
         min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
-
-    Raises:
-        JobError: MF104 if a number is not positive.
     """
 
     need_um2: float = 1985.0
     circuits: int = 3
     shared_by: int = 1
     min_width_nm: int = 8000
-
-    def __post_init__(self) -> None:
-        for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                what = f"{name} = {value:g} is not positive"
-                raise JobError("MF104", what, where="circuit", cure=f"Give {name} above 0")
 
     @property
     def pixel_need_um2(self) -> float:
@@ -81,7 +70,6 @@ class Room:
     Attributes:
         area_um2: room at least as wide as asked.
         closed_um2: all of it, however narrow.
-        need_um2: what the circuits need.
         certificate: why they do not fit; None where the area is enough (which does not lay them out).
     """
 
@@ -89,10 +77,6 @@ class Room:
     closed_um2: float
     need_um2: float
     certificate: Certificate | None
-
-    @property
-    def enough(self) -> bool:
-        return self.certificate is None
 
 
 def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
@@ -115,11 +99,7 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
 
 
 def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, Room]:
-    """Room under the red, the green and the blue emitter for a circuit of its own each.
-
-    Raises:
-        JobError: MF118 if the width is no whole number of the emitters' cells.
-    """
+    """Room under the red, the green and the blue emitter for a circuit of its own each."""
     if rules.min_width_nm % emitters.cell_nm:
         what = (
             f"a width of {rules.min_width_nm / NM_PER_UM:g} um is not a multiple of the emitters' "
@@ -168,9 +148,6 @@ class LightDemand:
         shares: red's, green's and blue's share of the luminance, by BT.709.
         ageing_exponent: n of life ~ J^-n. 1.44 is derived from a vendor's claim: three times the life at 60 % emitting
             area instead of 28 %, ln 3 / ln (60 / 28).
-
-    Raises:
-        JobError: MF104 if a number is not positive and finite.
     """
 
     luminance_cd_per_m2: float = 500.0
@@ -178,23 +155,13 @@ class LightDemand:
     shares: Triple = SHARES
     ageing_exponent: float = 1.44
 
-    def __post_init__(self) -> None:
-        _check("luminance", (self.luminance_cd_per_m2,))
-        _check("efficacy", self.efficacy_cd_per_a)
-        _check("shares", self.shares)
-        _check("ageing_exponent", (self.ageing_exponent,))
-
 
 def current_density(light: LightDemand, area_shares: Triple) -> Triple:
     """Current density of red, green and blue at white, in mA/cm².
 
     Args:
         area_shares: each emitter's area over the pixel's, gutter included.
-
-    Raises:
-        JobError: MF104 if a share is not within (0, 1].
     """
-    _check("area share", area_shares, highest=1.0)
     red, green, blue = (
         MA_PER_CM2 * light.luminance_cd_per_m2 * share / (efficacy * area)
         for share, efficacy, area in zip(light.shares, light.efficacy_cd_per_a, area_shares, strict=True)
@@ -203,13 +170,7 @@ def current_density(light: LightDemand, area_shares: Triple) -> Triple:
 
 
 def relative_life(density: float, reference: float, exponent: float = LightDemand.ageing_exponent) -> float:
-    """Life at a current density over that at another: (J / J_ref)^-n.
-
-    Raises:
-        JobError: MF104 if a number is not positive and finite.
-    """
-    _check("current density", (density, reference))
-    _check("ageing_exponent", (exponent,))
+    """Life at a current density over that at another: (J / J_ref)^-n."""
     return float((density / reference) ** -exponent)
 
 
@@ -220,43 +181,13 @@ RISING_V, AT_MA_PER_CM2 = 1.5, 10.0
 of its voltage (Mott and Gurney, 1940)."""
 
 
-@dataclass(frozen=True)
-class Lives:
-    """Light, life and power of a display over those of another, its reference.
-
-    Attributes:
-        luminance: of white, every colour at the reference's current density: the least share of area that one has left.
-        life: of the colour that carries most current for its area, over that of the reference's, at equal luminance.
-        power: at equal luminance.
-    """
-
-    luminance: float
-    life: float
-    power: float
-
-
-def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
-    """Light, life and power of emitters beside those of a reference.
+def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
+    """Light at equal current density, and at equal luminance life and power, of emitters over those of a reference.
 
     Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
-
-    Args:
-        shares: of the pixel that red, green and blue cover.
-        reference: the same of the reference.
-
-    Raises:
-        JobError: MF104 if a share is not within (0, 1].
     """
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
-    return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)
-
-
-def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:
-    for value in values:
-        if not (math.isfinite(value) and 0 < value <= highest):
-            limit = "positive and finite" if highest == math.inf else f"above 0 and at most {highest:g}"
-            what = f"{name} = {value:g} is not {limit}"
-            raise JobError("MF104", what, where="light", cure=f"Give {name} as a number {limit}")
+    return left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply

@@ -6,7 +6,7 @@ The eye's optics and nerves take it as a Fourier series up to what they pass, fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import scipy
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Labels
 from maskfab.base.errors import JobError
-from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient, refined
 from maskfab.base.units import UM_PER_MM
 from maskfab.optics.colour import LUMINANCE
 
@@ -67,7 +67,6 @@ class EmittedLight:
     Attributes:
         rgb: float64 [3, y, x], row 0 the lowest; linear-light red, green and blue with the primaries of sRGB. The mean
             over a pixel is what the picture asks of it, so a white picture has the mean 1.
-        samples: along the side of a pixel.
     """
 
     rgb: Floats
@@ -93,20 +92,16 @@ def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
         image: [rows, columns, 3] linear light 0 to 1, one value per pixel, row 0 the lowest.
 
     Raises:
-        JobError: MF121 if the panel has no emitters or too few pixels, or the image is none; MF119 if an emitter lies
+        JobError: MF121 if the panel has no emitters or too few pixels; MF119 if an emitter lies
             over an opening or off the grid of dots; MF115 if there would be too many samples.
     """
-    rows, columns = _checked(image)
-    return Tiled.of(panel, rows, columns).light(image, samples)
+    return Tiled.of(panel, *image.shape[:2]).light(image, samples)
 
 
 def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
-    """The image on a display whose pixels shine evenly over all of their area in every colour: the reference.
-
-    Raises:
-        JobError: MF121, MF115 as for :func:`show`.
-    """
-    _check_samples(*_checked(image), samples)
+    """The image on a display whose pixels shine evenly over all of their area in every colour: the reference."""
+    rows, columns = image.shape[:2]
+    _check_samples(rows, columns, samples)
     even = np.repeat(np.repeat(np.moveaxis(image, -1, 0), samples, axis=1), samples, axis=2)
     return EmittedLight(_still(even), samples, pitch_um)
 
@@ -137,8 +132,7 @@ class Tile:
     def transform(self, y: Floats, x: Floats) -> Complexes:
         """[3, y, x] of frequencies in cycles per pixel, from the lower left corner; 1 at 0. Exact."""
         waves = [self._waves(f) for f in (y, x)]
-        area = [float(np.diff(self.lines) @ lit @ np.diff(self.lines)) for lit in self._lit]
-        return np.stack([waves[0] @ lit @ waves[1].T / whole for lit, whole in zip(self._lit, area, strict=True)])
+        return np.stack([waves[0] @ lit @ waves[1].T / area for lit, area in zip(self._lit, self.shares, strict=True)])
 
     @property
     def shares(self) -> tuple[float, float, float]:
@@ -204,24 +198,22 @@ class Tiled:
     @property
     def centroid(self) -> tuple[float, float]:
         """Mean (x, y) of the luminance from the pixels' centres, in pixels: how far pictures are displaced."""
-        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
-        x, y = used @ np.array([tile.centroid for tile in self.tiles]) / used.sum()
+        x, y = self._mean([tile.centroid for tile in self.tiles])
         return float(x), float(y)
 
     @property
     def shares(self) -> tuple[float, float, float]:
         """Share of a pixel that red, green and blue cover, in the mean."""
-        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
-        red, green, blue = used @ np.array([tile.shares for tile in self.tiles]) / used.sum()
+        red, green, blue = self._mean([tile.shares for tile in self.tiles])
         return float(red), float(green), float(blue)
 
-    def light(self, image: Floats, samples: int) -> EmittedLight:
-        """The image [rows, columns, 3] on the pixels, ``samples`` along each.
+    def _mean(self, of_tiles: Sequence[tuple[float, ...]]) -> Floats:
+        used = np.bincount(self.held.ravel(), minlength=len(self.tiles))
+        return np.asarray(used @ np.array(of_tiles) / used.sum())
 
-        Raises:
-            JobError: MF121 for no picture, MF115 for too many samples.
-        """
-        rows, columns = _checked(image)
+    def light(self, image: Floats, samples: int) -> EmittedLight:
+        """The image [rows, columns, 3] on the pixels, ``samples`` along each."""
+        rows, columns = image.shape[:2]
         _check_samples(rows, columns, samples)
         tiles = np.stack([tile.samples(samples) for tile in self.tiles])
         rgb = np.empty((3, rows, samples, columns, samples))
@@ -238,11 +230,8 @@ class Tiled:
         Pixels of one kind emit alike, so that their light is what each is asked for, on the lattice, convolved with the
         kind's own. Its coefficients are the discrete transform of the picture on those pixels, times the transform of
         the kind's emitters, which are rectangles; summed over kinds. No samples along a pixel are needed.
-
-        Raises:
-            JobError: MF121 for no picture, MF115 if the eye resolves too much of it.
         """
-        rows, columns = _checked(image)
+        rows, columns = image.shape[:2]
         frame = _frame((rows, columns), self.pitch_um, viewing, highest_cpd)
         y, x = _orders(frame)
         for kind in np.unique(self.held):
@@ -269,11 +258,7 @@ def _orders(frame: Series) -> tuple[Indices, Indices]:
 
 
 def tiles_of(panel: Panel) -> tuple[Tile, ...]:
-    """Contents that a cell of a panel can have: 8 u + k is opening u under element k of D4.
-
-    Raises:
-        JobError: MF121, MF119 as for :func:`emitters_of`.
-    """
+    """Contents that a cell of a panel can have: 8 u + k is opening u under element k of D4."""
     tiles = []
     for emitters in emitters_of(panel):
         # Half a gutter, the cells, half a gutter.
@@ -281,15 +266,6 @@ def tiles_of(panel: Panel) -> tuple[Tile, ...]:
         own = Tile(emitters.labels, edges / panel.pitch_nm)
         tiles += [own.turned(turn) for turn in range(ORIENTATIONS)]
     return tuple(tiles)
-
-
-def emission(panel: Panel, samples: int) -> Floats:
-    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
-
-    Raises:
-        JobError: MF121, MF119 as for :func:`emitters_of`.
-    """
-    return np.stack([tile.samples(samples) for tile in tiles_of(panel)])
 
 
 def has_emitters(panel: Panel) -> bool:
@@ -325,8 +301,7 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
         what = f"cells of {emitters.cell_nm} nm do not divide a dot of {panel.dot_nm} nm"
         raise JobError("MF119", what, where=where, cure="Use cells that divide a dot")
     per_dot = panel.dot_nm // emitters.cell_nm
-    clear = np.kron(opening.mask, np.ones((per_dot, per_dot), dtype=np.bool_))
-    over = int((clear & (labels > 0)).sum())
+    over = int((refined(opening.mask, per_dot) & (labels > 0)).sum())
     if over:
         what = f"{over} cells of the emitters lie over an opening"
         raise JobError("MF119", what, where=where, cure="Move the emitters behind the closed area")
@@ -334,15 +309,6 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
         if not (labels == number).any():
             raise JobError("MF121", f"no part of a pixel emits {colour}", where=where, cure=f"Give {colour} an emitter")
     return emitters
-
-
-def _checked(image: Floats) -> tuple[int, int]:
-    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        what = f"an array of shape {image.shape} is not a picture"
-        raise JobError("MF121", what, cure="Give [rows, columns, 3], not empty")
-    if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
-        raise JobError("MF121", "a picture's light is not within 0 to 1", cure="Scale the picture to 0 to 1")
-    return image.shape[0], image.shape[1]
 
 
 def _check_samples(rows: int, columns: int, samples: int) -> None:
@@ -369,9 +335,6 @@ class Series:
 
     Attributes:
         coefficients: complex128 [3, y, x]; y runs from -K to K, x from 0 to K (the rest is their conjugate).
-        y_cpd, x_cpd: the frequencies, cycles per degree.
-        pixels: rows and columns of pixels.
-        pitch_um: from pixel to pixel.
         pixel_deg: the same as an angle.
     """
 
@@ -431,9 +394,6 @@ class Series:
 
 def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
     """The Fourier series of light up to ``highest_cpd`` along x and along y.
-
-    Raises:
-        JobError: MF115 if these are too many: an eye near the display resolves too much of it.
 
     Notes:
         The samples are squares of constant light, so their series is their discrete transform, which repeats, times

@@ -69,12 +69,7 @@ def in_pieces(
     Args:
         grid: its cells and rules; where the gap between colours is wider than the gutter, half of the difference stays
             free along each side.
-        least: cells.
-        viewing: where the eye is.
         limits: of which neither is worth more than the other.
-
-    Returns:
-        A placement that keeps all rules; None if none so large was found.
     """
     region = free_region(opening.mask, grid, orientations, margin=border_margin(grid))
     red, green, blue = (math.ceil(least * part - _ROUNDING) for part in ratio)
@@ -143,8 +138,6 @@ def placed_in_pieces(
     """The answer about emitters that may lie in pieces, from that about emitters each of which is one area.
 
     Args:
-        keep: share of the largest footprint that must be left.
-        limits: most that an even field may show.
         larger: whether pieces are to have the largest area found that keeps these.
 
     Returns:
@@ -217,7 +210,6 @@ class _Annealing:
 
         Args:
             seen: [3, n, n, terms] as :func:`maskfab.display.evenness.sight` has it.
-            targets: least cells of each colour.
         """
         n, stride, terms = squares.cells, squares.stride, seen.shape[-1]
         self.squares, self.targets, self.seed = squares, targets, seed

@@ -52,7 +52,6 @@ class EmitterGrid:
 
     Attributes:
         cells: along a side of the area that holds dots (the pixel less its gutter).
-        per_dot: cells along a dot.
         gutter_nm: opaque space between the dots of neighbouring pixels.
         to_opening, colour_gap, min_width: the rules in cells.
     """
@@ -75,9 +74,9 @@ class EmitterGrid:
         return self.gutter_nm // self.cell_nm
 
 
-def finest_cell(dots: int, dot_nm: int) -> int:
-    """The smallest cell, in nanometres, that divides a dot and leaves no more than 128 of them along a pixel."""
-    return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
+def finest_cell(dots: int, dot_nm: int, most: int = MOST_CELLS) -> int:
+    """The smallest cell, in nanometres, that divides a dot and leaves no more than so many of them along a pixel."""
+    return next(dot_nm // parts for parts in range(max(1, most // dots), 0, -1) if dot_nm % parts == 0)
 
 
 def check_widths(rules: EmitterRules, side_nm: int, *, where: str) -> None:
@@ -153,8 +152,6 @@ class Certificate:
     """A proof that something cannot be, which a reader can check by hand.
 
     Attributes:
-        statement: one sentence with the numbers and their units.
-        numbers: what the sentence was made from, by name.
         witness: bool [n, n] the cells to look at; None where there is nothing to draw.
         chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
             says it.
@@ -177,14 +174,10 @@ class Footprint:
     """Bracket of the largest footprint of three emitters.
 
     Attributes:
-        verdict: whether the required footprint is reached.
-        best: the placement of largest footprint that keeps all rules; None if none was found.
         found_share: its footprint (mean share of the pixel, gutter included, per colour; of the smallest relative to
             its ratio); 0 if none.
         bound_share: no placement under the rules has a larger one.
-        rectangles_share: the largest footprint of three rectangles, exact.
         certificate: why not, if the verdict is that it does not fit; also why ``bound_share`` is what it is.
-        method: how ``best`` was found.
     """
 
     verdict: Verdict

@@ -58,8 +58,6 @@ def window_table(regions: Mask, min_width: int, max_aspect: float = math.inf) ->
 
     Args:
         regions: bool [k, n, n] cells in which a rectangle may lie.
-        min_width: shortest side of a rectangle, in cells.
-        max_aspect: longest over shortest side.
     """
     both = np.stack([regions, regions.swapaxes(-1, -2)], axis=1)
     strips = _strips(both, min_width, max_aspect)
@@ -82,11 +80,6 @@ def three_rectangles(
     """The three rectangles with the largest smallest area relative to the ratio; exact.
 
     At minimum width w, 0 proves that no three emitters of any shape fit: each would hold a w x w square.
-
-    Args:
-        region: bool [n, n] cells in which an emitter may lie.
-        grid: the gap between colours and the least width, in cells.
-        ratio: relative areas of red, green and blue.
 
     Returns:
         The least of area_k / ratio_k in cells (0 if three do not fit), and int8 [n, n] labels 1 to 3, whole lines
@@ -125,8 +118,6 @@ def rectangle_footprints(
         masks: bool [k, dots, dots] openings, True is clear.
         ratio: relative areas of red, green and blue, which sum to 3.
         orientations: those in use; they matter where the gap to an opening is wider than the gutter.
-        margin: cells kept free along each side.
-        max_aspect: longest over shortest side of a rectangle.
 
     Returns:
         float [k] mean share of the pixel, gutter included, per colour; of the smallest relative to its ratio.
@@ -288,9 +279,6 @@ _SHAPES_AT_HAND = 32
 def guillotine(region: Mask, grid: EmitterGrid, ratio: Ratio) -> tuple[float, Labels]:
     """The best emitters of any shape with straight cuts between them.
 
-    Args:
-        region: bool [n, n] cells in which an emitter may lie.
-
     Returns:
         The least of area_k / ratio_k in cells (0 if three do not fit), and int8 [n, n] labels 1 to 3, trimmed to it.
     """
@@ -316,15 +304,10 @@ def polish(
     worse than any of the starts.
 
     Args:
-        region, grid, ratio: as for ``guillotine``.
         start: int8 [n, n] labels of a placement that keeps the rules, tried as well.
         orientations: those in use, if the emitters shall keep the gap to those of neighbouring pixels too; the
             region is then one without a margin.
-        moves: in all; shared between the starts.
         enough: stop once area_k / ratio_k has reached this for every colour.
-
-    Returns:
-        As ``guillotine``.
     """
     squares = cut = Squares.of(region, grid.min_width, grid.colour_gap)
     margin = 0 if orientations is None else border_margin(grid)
@@ -356,8 +339,6 @@ def cut_triples(squares: Squares, least: float, most: int) -> Iterator[Shapes]:
     """The three largest shapes between two straight cuts, for every place of both cuts that leaves each large enough.
 
     Args:
-        squares: of the region in which an emitter may lie.
-        least: cells that each shape must have.
         most: places of each cut that are tried, evenly over those that are large enough.
     """
     return _Cuts(squares, (1.0, 1.0, 1.0)).every(least, most)
@@ -367,12 +348,9 @@ def shaved(squares: Squares, shape: int, towards: tuple[float, float], count: in
     """The shape less about ``count`` cells from one side, connected and of the least width; itself if it spares none.
 
     Args:
-        squares: any with the width and the cells of the shape's.
-        shape: squares of one emitter.
         towards: (y, x) direction of the side; the axis along which it is longer says which side, the other at which
             end of the side's outermost line to begin.
         count: cells to take off at most, more where the width asks for it.
-        target: cells that must be left.
     """
     ys, xs = np.nonzero(squares.picture(shape))
     y, x = (ys if towards[0] < 0 else -ys), (xs if towards[1] < 0 else -xs)
@@ -612,12 +590,7 @@ def _pushed(
 def _grown(
     squares: Squares, area: Callable[[int], int], ratio: Ratio, state: list[int], near: list[int]
 ) -> tuple[list[int], list[int]]:
-    """Each shape, the smallest first, takes all that it can reach without coming too near to the others.
-
-    Args:
-        area: of a shape in cells.
-        near: what lies too near to each shape; returned for the new ones.
-    """
+    """Each shape, the smallest first, takes all that it can reach without coming too near to the others."""
     state, near = list(state), list(near)
     for k in sorted(range(3), key=lambda k: area(state[k]) / ratio[k]):
         grown = squares.reach(state[k], squares.free & ~(near[k - 1] | near[k - 2]))

@@ -66,9 +66,6 @@ def evenness(panel: Panel, viewing: Viewing) -> Evenness:
     """Evenness of a panel whose pixels are turned as often as its own, each by itself.
 
     Pixels all alike that frame a map are a display of their own, and are left out.
-
-    Raises:
-        JobError: MF121, MF119 for emitters that cannot be shown.
     """
     contents = [
         (orient(emitters.labels, turn), emitters.cell_nm)
@@ -144,14 +141,7 @@ def sight(grid: EmitterGrid, viewing: Viewing, grain_worth: float = 0.0) -> Floa
 
 
 def _principal(matrix: Floats, waves: Floats) -> tuple[Floats, Floats]:
-    """Powers [terms], rising, and lights [3, cells, terms] whose inner products are those of all that is seen.
-
-    Lengths of sums are all that counts, so that any vectors with these inner products will do.
-
-    Args:
-        matrix: [waves, seen, 3] of red, green and blue.
-        waves: [waves, cells].
-    """
+    """Powers [terms], rising, and lights [3, cells, terms] whose inner products are those of all that is seen."""
     count = matrix.shape[1]
     if matrix.size < 9 * waves.shape[1]:
         each = matrix.reshape(-1, 3)

@@ -110,16 +110,12 @@ class ColourDifference:
         return float(self.colour.max())
 
 
-def see(light: EmittedLight, viewing: Viewing) -> Floats:
+def of_series(spectrum: Series, viewing: Viewing) -> Floats:
     """CIE L*a*b* of light after the eye's blur, [y, x, 3] against the white of sRGB, row 0 the lowest.
 
-    Samples lie as :func:`carrying` says, so that they hold all that the eye passes.
+    Args:
+        spectrum: of the light, up to :data:`HIGHEST_CPD`; samples lie as :func:`carrying` says.
     """
-    return of_series(series(light, viewing, HIGHEST_CPD), viewing)
-
-
-def of_series(spectrum: Series, viewing: Viewing) -> Floats:
-    """S-CIELAB response from a Fourier series that reaches up to :data:`HIGHEST_CPD`."""
     samples = carrying(HIGHEST_CPD, viewing)
     blurred = spectrum.filtered(gains, OPPONENT_OF_RGB).values(samples)
     rgb = np.moveaxis(np.tensordot(np.linalg.inv(OPPONENT_OF_RGB), blurred, axes=1), 0, -1)
@@ -142,11 +138,7 @@ def carrying(highest_cpd: float, viewing: Viewing) -> int:
 
 
 def appearance(spectrum: Series, viewing: Viewing) -> Floats:
-    """Linear light [y, x, 3] after the eye's blur, row 0 the lowest, on samples that carry all of it.
-
-    Args:
-        spectrum: up to :data:`~maskfab.display.eye.HIGHEST_CPD`.
-    """
+    """Linear light [y, x, 3] after the eye's blur, row 0 the lowest, on samples that carry all of it."""
     radius = spectrum.radius_cpd
     lightness, colour = _gain(GAUSSIANS[0][:2], radius), _gain(GAUSSIANS[1], radius)
     grey = np.broadcast_to(LUMINANCE, (3, 3))
@@ -176,9 +168,6 @@ def centroids(panel: Panel) -> tuple[Floats, float]:
 
     The mean moves the whole picture; the rms is |c| of the formula: 0 if all pixels have one orientation, the length of
     the centroid's offset if all eight are equally frequent.
-
-    Raises:
-        JobError: MF121, MF119 for emitters that cannot be shown.
     """
     places = np.array(
         [
@@ -193,9 +182,9 @@ def centroids(panel: Panel) -> tuple[Floats, float]:
     return mean, float(math.sqrt(share @ ((places - mean) ** 2).sum(axis=1)))
 
 
-def predicted_rms(offset_px: float, viewing: Viewing, highest_cpd: float = SLOW_CPD) -> float:
-    """rms luminance contrast from 0 to ``highest_cpd`` of a flat white field of independently turned pixels."""
-    return float(CONSTANT * (highest_cpd / viewing.pixels_per_degree) ** 2 * offset_px)
+def predicted_rms(offset_px: float, viewing: Viewing) -> float:
+    """Slow grain, as rms luminance contrast, of a flat white field of independently turned pixels."""
+    return float(CONSTANT * (SLOW_CPD / viewing.pixels_per_degree) ** 2 * offset_px)
 
 
 def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
@@ -203,7 +192,6 @@ def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
 
     Args:
         spectrum: of a flat field, up to ``high_cpd`` or more.
-        low_cpd, high_cpd: the band, cycles per degree.
     """
     luminance = np.tensordot(LUMINANCE, spectrum.coefficients, axes=1)
     mean = luminance[len(spectrum.y_cpd) // 2, 0].real
@@ -215,6 +203,7 @@ def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
 
 
 WHITE_CD_M2 = 500.0
+"""Luminance of the display's white, on the mean over a pixel."""
 _PASS_CPD, _STOP_CPD = 40.0, 50.0
 
 
@@ -229,24 +218,20 @@ def metric() -> ModuleType:
         raise JobError("MF121", what, where="--jod", cure=cure) from None
 
 
-def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
+def jod(test: Series, reference: Series, viewing: Viewing) -> float:
     """Quality of a display in just-objectionable differences, at most 10.
 
     Args:
         test: what the display shows, up to 50 cycles per degree or more.
         reference: the same picture on an ideal display, of as many pixels.
-        white_cd_m2: luminance of the display's white, on the mean over a pixel.
 
     Notes:
         The metric takes the pixel lattice at some 60 cycles per degree for a visible pattern, so frequencies from 40 to
         50 are faded out and higher ones removed before it sees the light. It wants absolute luminance (relative light
         is below its threshold everywhere, and all is 10.00), a linear EOTF, and a peak that clips nothing.
-
-    Raises:
-        JobError: MF121 if ColorVideoVDP is not installed.
     """
     library = metric()
-    shown = [_absolute(light, viewing, white_cd_m2) for light in (test, reference)]
+    shown = [_absolute(light, viewing) for light in (test, reference)]
     rows, columns = shown[0].shape[:2]
     samples_per_degree = carrying(_STOP_CPD, viewing) * viewing.pixels_per_degree
     photometry = library.vvdp_display_photo_eotf(
@@ -258,11 +243,11 @@ def jod(test: Series, reference: Series, viewing: Viewing, white_cd_m2: float = 
     return float(quality)
 
 
-def _absolute(light: Series, viewing: Viewing, white_cd_m2: float) -> Singles:
+def _absolute(light: Series, viewing: Viewing) -> Singles:
     """Luminous light [y, x, 3] in cd/m2, top row first, without what is finer than the eye resolves."""
     values = light.up_to(_STOP_CPD).filtered(_fade).values(carrying(_STOP_CPD, viewing))
     # Fading out rings a little; light is never negative.
-    lit = np.maximum(np.moveaxis(values, 0, -1)[::-1], 0.0) * white_cd_m2
+    lit = np.maximum(np.moveaxis(values, 0, -1)[::-1], 0.0) * WHITE_CD_M2
     return np.ascontiguousarray(lit, dtype=np.float32)
 
 
@@ -284,11 +269,9 @@ class PictureView:
     Attributes:
         seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
         reference: the same of an ideal display.
-        samples: along a pixel, of both.
         delta_e_95: its 95th percentile.
         delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.
-        jod: ColorVideoVDP's judgement; None if it was not asked.
     """
 
     seen: Singles
@@ -326,11 +309,7 @@ class SeenPanel:
 
 
 def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
-    """The targets by name, and a photograph in place of the leaves if there is one.
-
-    Raises:
-        JobError: MF121 if there are fewer than 8 pixels or absurdly many, or the photograph cannot be shown.
-    """
+    """The targets by name, and a photograph in place of the leaves if there is one."""
     if not FEWEST_PIXELS <= pixels <= _MOST:
         what = f"{pixels} pixels along a side are outside {FEWEST_PIXELS} to {_MOST}"
         raise JobError("MF121", what, where="pixels", cure="Use 100")
@@ -425,16 +404,13 @@ def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
         if title == FLAT
         else ""
     )
-    quantities = [
-        Quantity(f"{title}_delta_e_mean", view.delta_e, f"S-CIELAB, CIE 1976, mean{known}", die=name),
-        Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),
-        Quantity(
-            f"{title}_delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed", die=name
-        ),
+    numbers = [
+        ("delta_e_mean", view.delta_e, f"S-CIELAB, CIE 1976, mean{known}"),
+        ("delta_e_95", view.delta_e_95, "the same, 95th percentile"),
+        ("delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed"),
     ]
     if title == EDGE:
-        method = "largest S-CIELAB difference in a* and b*, the common shift removed"
-        quantities.append(Quantity("edge_fringe", view.fringe, method, die=name))
+        numbers.append(("fringe", view.fringe, "largest S-CIELAB difference in a* and b*, the common shift removed"))
     if view.jod is not None:
-        quantities.append(Quantity(f"{title}_jod", view.jod, "ColorVideoVDP, white 500 cd/m2", die=name))
-    return quantities
+        numbers.append(("jod", view.jod, "ColorVideoVDP, white 500 cd/m2"))
+    return [Quantity(f"{title}_{key}", value, method, die=name) for key, value, method in numbers]

@@ -34,7 +34,15 @@ from maskfab.display.drive import (
     relative_life,
 )
 from maskfab.display.emitter_pieces import placed_in_pieces
-from maskfab.display.emitter_rules import Certificate, EmitterRules, Footprint, Verdict, check_widths, grid_of
+from maskfab.display.emitter_rules import (
+    Certificate,
+    EmitterGrid,
+    EmitterRules,
+    Footprint,
+    Verdict,
+    check_widths,
+    grid_of,
+)
 from maskfab.display.evenness import Evenness, evenness
 from maskfab.display.free_area import Borders, borders, meetings
 from maskfab.display.limits import EyeAndLife, Judgement, judgement
@@ -67,14 +75,9 @@ class DisplayRules:
     """Everything that a display's maker asks.
 
     Attributes:
-        emitters: gaps, width, ratio and footprint.
         keep: share of the largest footprint that a placement with better centred light must have.
         circuit: area for drive circuits; a bound, which does not count where boxes are stated.
-        light: what the emitters must give.
-        wires: what must be wired; None if nothing is asked.
-        boxes: of the drive circuits, to be placed; None if none are stated.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
-        eye: where the display is looked at, its limits, and those of life.
     """
 
     emitters: EmitterRules
@@ -98,11 +101,7 @@ class DisplayRules:
         *,
         where: str = "",
     ) -> DisplayRules:
-        """The rules of a job.
-
-        Raises:
-            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio, MF105 for rectangles in pieces.
-        """
+        """The rules of a job."""
         pieces = section.pieces == "several"
         if pieces and section.max_aspect is not None:
             what = "max_aspect is of emitters that are one rectangle each, and pieces asks for several"
@@ -146,11 +145,7 @@ class DisplayRules:
         return f"{many}{self.least_circuits_um2:g} µm² for each pixel"
 
     def crowded(self, panel: Panel) -> Certificate | None:
-        """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated.
-
-        Raises:
-            JobError: MF118 as :func:`maskfab.display.drive.pixel_room`, MF117 for a box or a gap wider than the pixel.
-        """
+        """A proof that the circuits of a panel's pixels have no room, by area, or no place, where boxes are stated."""
         if self.boxes is None:
             return pixel_room(panel.common, panel.dot_nm, self.circuit).certificate
         return no_place(panel, panel.common, self.boxes)
@@ -161,45 +156,36 @@ class Feasibility:
     """Display feasibility of one panel.
 
     Attributes:
-        required: least footprint; 0 where none is.
-        footprint: how large emitters can be, with its proof.
-        emitters: those that the panel takes; None where none were found.
         share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
-        borders: gaps across pixels of the placement.
         broken: rules that its polygons break, measured by KLayout; empty where all is well.
         room: for the circuits of a pixel together, by area.
         circuits: their boxes in their places; None where no boxes are stated, and the area decides.
         own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
             no multiple of the cells of emitters that came with the opening.
-        density_ma_per_cm2: current density of red, green and blue; None without emitters.
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
-        centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
         even: what the eye sees of an even field whose pixels are turned at random; None without emitters.
         judged: limits of the eye and of life, held against the die as it is tiled; None where that was not asked.
-        wiring: how far the pixels can be wired; None if it was not asked.
         reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
-        given: whether the emitters came with the opening.
-        light: what was asked of the emitters.
     """
 
     required: float
     footprint: Footprint
-    emitters: Emitters | None
-    share: float
-    borders: Borders | None
-    broken: tuple[Violation, ...]
     room: Room
-    own_rooms: tuple[Room, ...]
-    density_ma_per_cm2: Triple | None
-    life: Triple | None
-    centroid_px: tuple[float, float]
-    wander_px: float
+    circuits: Circuits | None
     wiring: Wiring | None
-    reaches: tuple[Reach, ...]
     given: bool
     light: LightDemand
-    circuits: Circuits | None = None
+    emitters: Emitters | None = None
+    share: float = 0.0
+    borders: Borders | None = None
+    broken: tuple[Violation, ...] = ()
+    own_rooms: tuple[Room, ...] = ()
+    density_ma_per_cm2: Triple | None = None
+    life: Triple | None = None
+    centroid_px: tuple[float, float] = (0.0, 0.0)
+    wander_px: float = 0.0
+    reaches: tuple[Reach, ...] = ()
     even: Evenness | None = None
     judged: Judgement | None = None
 
@@ -255,8 +241,6 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     Where cells choose among several openings, emitters keep clear of all of them.
 
     Args:
-        panel: its opening, gutter and orientations.
-        rules: the maker's.
         largest: search on for the largest emitters even if the required ones are found, as on a plate; designers try
             openings without.
 
@@ -268,99 +252,81 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         return None
     if rules.wires is not None:
         check_wires(panel, rules.wires)
-    opening, used = panel.common, _used(panel)
+    opening, given = panel.common, _given(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
-    largest_found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
-    emitters = _given(panel)
-    given = emitters is not None
-    if emitters is None:
-        emitters = centred(largest_found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
-        # In pixels that lie alike there is nothing to see but the lattice.
-        if rules.pieces and len(used) > 1 and (largest or largest_found.verdict is not Verdict.FITS):
-            viewing = rules.eye.viewing(panel.cell_size.pitch_um)
-            largest_found, emitters = placed_in_pieces(
-                largest_found,
-                emitters,
-                opening,
-                grid,
-                used,
-                rules.emitters,
-                keep=rules.keep,
-                viewing=viewing,
-                limits=rules.eye.limits,
-                larger=rules.eye.asks_evenness,
-            )
-    room = pixel_room(opening, panel.dot_nm, rules.circuit)
-    circuits = None if rules.boxes is None else place_circuits(panel, opening, rules.boxes)
-    wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
-    if emitters is None:
-        required, nowhere = rules.emitters.required, (0.0, 0.0)
-        return Feasibility(
-            required,
-            largest_found,
-            None,
-            0.0,
-            None,
-            (),
-            room,
-            (),
-            None,
-            None,
-            nowhere,
-            0.0,
-            wires,
-            (),
-            given,
-            rules.light,
-            circuits,
-        )
-    pixel_um2 = (panel.cell_size.pitch_um) ** 2
-    red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
-    shares = (red, green, blue)
-    density = current_density(rules.light, shares)
-    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
-    life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
-    lit = replace(panel, emitters=emitters)
-    broken = violations(lit, rules.emitters)
-    # Emitters that break the rules say nothing of how large those can be that keep them.
-    if given and not broken:
-        largest_found = _judged(largest_found, emitters, shares, rules.emitters)
-    return Feasibility(
+    found, emitters = _found(panel, grid, rules, given, largest=largest)
+    answer = Feasibility(
         rules.emitters.required,
-        largest_found,
-        emitters,
-        footprint_of(shares, rules.emitters),
-        None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
-        broken,
-        room,
-        () if rules.circuit.min_width_nm % emitters.cell_nm else emitter_rooms(emitters, rules.circuit),
-        density,
-        (life[0], life[1], life[2]),
-        luminance_centroid(emitters, panel.pitch_nm),
-        wander(emitters, panel.pitch_nm, used),
-        wires,
-        () if wires is None else reaches(~opening.mask, emitters),
-        given,
+        found,
+        pixel_room(opening, panel.dot_nm, rules.circuit),
+        None if rules.boxes is None else place_circuits(panel, opening, rules.boxes),
+        None if rules.wires is None else wiring(panel, opening, rules.wires),
+        given is not None,
         rules.light,
-        circuits,
-        evenness(lit, rules.eye.viewing(panel.cell_size.pitch_um)) if _lit(emitters) else None,
+    )
+    return answer if emitters is None else _with_emitters(answer, emitters, panel, grid, rules)
+
+
+def _found(
+    panel: Panel, grid: EmitterGrid, rules: DisplayRules, given: Emitters | None, *, largest: bool
+) -> tuple[Footprint, Emitters | None]:
+    """Footprint of a panel's emitters, and those that it takes: those given, or else the best that are found."""
+    opening, used = panel.common, _used(panel)
+    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
+    if given is not None:
+        return found, given
+    emitters = centred(found.best, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+    # In pixels that lie alike there is nothing to see but the lattice.
+    if not rules.pieces or len(used) == 1 or not (largest or found.verdict is not Verdict.FITS):
+        return found, emitters
+    viewing = rules.eye.viewing(panel.cell_size.pitch_um)
+    return placed_in_pieces(
+        found,
+        emitters,
+        opening,
+        grid,
+        used,
+        rules.emitters,
+        keep=rules.keep,
+        viewing=viewing,
+        limits=rules.eye.limits,
+        larger=rules.eye.asks_evenness,
     )
 
 
-def _lit(emitters: Emitters) -> bool:
-    """Whether every colour emits, so that white can be shown."""
-    return min(emitters.areas_um2) > 0
-
-
-def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
-    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels.
-
-    Raises:
-        JobError: as :func:`feasibility`.
-    """
-    if panel.tiling is Tiling.HEXAGONAL:
-        return None
-    return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
+def _with_emitters(
+    answer: Feasibility, emitters: Emitters, panel: Panel, grid: EmitterGrid, rules: DisplayRules
+) -> Feasibility:
+    """The answer about a panel whose pixels have these emitters, measured."""
+    opening, placed = panel.common, answer.footprint
+    red, green, blue = (area / panel.cell_size.pitch_um**2 for area in emitters.areas_um2)
+    shares = (red, green, blue)
+    density = current_density(rules.light, shares)
+    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
+    lasting = (relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
+    red_life, green_life, blue_life = lasting
+    lit = replace(panel, emitters=emitters)
+    broken = violations(lit, rules.emitters)
+    # Emitters that break the rules say nothing of how large those can be that keep them.
+    if answer.given and not broken:
+        placed = _judged(placed, emitters, shares, rules.emitters)
+    cells, own = refined(opening.mask, grid.per_dot), rules.circuit.min_width_nm % emitters.cell_nm == 0
+    return replace(
+        answer,
+        footprint=placed,
+        emitters=emitters,
+        share=footprint_of(shares, rules.emitters),
+        borders=None if answer.given else borders(emitters.labels, cells, grid, panel.orientations),
+        broken=broken,
+        own_rooms=emitter_rooms(emitters, rules.circuit) if own else (),
+        density_ma_per_cm2=density,
+        life=(red_life, green_life, blue_life),
+        centroid_px=luminance_centroid(emitters, panel.pitch_nm),
+        wander_px=wander(emitters, panel.pitch_nm, _used(panel)),
+        reaches=() if answer.wiring is None else reaches(~opening.mask, emitters),
+        # White can be shown where every colour emits.
+        even=evenness(lit, rules.eye.viewing(panel.cell_size.pitch_um)) if min(emitters.areas_um2) > 0 else None,
+    )
 
 
 def _used(panel: Panel) -> tuple[int, ...]:
@@ -439,11 +405,7 @@ def populate(
     Wires that every pixel has alike are drawn with it, those that are laid across a die are marks of the plate.
 
     Args:
-        plate: laid out, without emitters and circuits.
-        rules: the maker's.
-        progress: told how many dies are done, of those that differ.
         maps: rows and columns of the orientation map, by die, of those that have one.
-        executor: who works on the dies; what is found does not show who did.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`; MF117 also for a reference display
@@ -517,11 +479,7 @@ def plate_of(job: Job, faults: JobFaults) -> Plate | None:
     """The plate of a job, and what no pixel of its dies can hold of the display, before any is looked at.
 
     Args:
-        job: the job, of which what is at fault may be unreadable.
         faults: gets MF105, MF107 and MF116 of the rules; MF106, MF117 and MF118 of a die; and what refuses the plate.
-
-    Returns:
-        The plate; None where it cannot be laid out.
     """
     with faults:
         _check_display(job, faults)
@@ -548,12 +506,7 @@ def _check_display(job: Job, faults: JobFaults) -> None:
 def displays(
     job: Job, plate: Plate | None = None, progress: Progress = silent, *, executor: SerialExecutor | None = None
 ) -> PlateWithDisplays:
-    """The job's plate with the emitters, circuits and wires that the job asks for; by an executor, if there is one.
-
-    Args:
-        job: the job.
-        plate: of the job, where it is laid out already.
-    """
+    """The job's plate with the emitters, circuits and wires that the job asks for; by an executor, if there is one."""
     rules = display_rules(job)
     plate = job.plate() if plate is None else plate
     if rules is None:
@@ -569,23 +522,26 @@ def map_sizes(job: Job) -> dict[str, tuple[int, int]]:
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
-    """Widest gaps between colours, by die; dies without pixels are left out.
-
-    Raises:
-        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
-    """
+    """Widest gaps between colours, by die; dies without pixels are left out."""
     by_key: dict[object, LargestGap | None] = {}
     gaps: dict[str, LargestGap] = {}
     for done, die in enumerate(plate.dies):
         progress("colour gaps", done, len(plate.dies))
         key = _key(die.panel)
         if key not in by_key:
-            by_key[key] = widest_gap(die.panel, rules)
+            by_key[key] = _widest_gap(die.panel, rules)
         answer = by_key[key]
         if answer is not None:
             gaps[die.name] = answer
     progress("colour gaps", len(plate.dies), len(plate.dies))
     return gaps
+
+
+def _widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
+    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels."""
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
 
 
 def _arguments(panel: Panel, rules: DisplayRules) -> ArgumentsFactory:

@@ -27,6 +27,7 @@ themselves are among those looked at, which can only make the answer smaller.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from collections.abc import Sequence
@@ -59,9 +60,6 @@ def upper_bound(
     """No three emitters that keep the rules have all areas above ``a * ratio_k``.
 
     Args:
-        region: bool [n, n] cells in which an emitter may lie.
-        grid: the gap between colours and the least width, in cells.
-        ratio: relative areas of red, green and blue.
         required: an ``a`` in cells; the bound is only made tight if a quick one does not exclude it.
         tight: False stays with the quick bound (a gap g takes g * w cells): milliseconds.
 
@@ -86,13 +84,7 @@ def upper_bound(
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Cells that one emitter could cover, and how long a line must be that parts them.
-
-    Attributes:
-        cells: bool [n, n].
-        lanes: what every such line has at least.
-        cuts: int64 [total + 1] the shortest line by the cells on one side of it, once measured.
-    """
+    """Cells that one emitter could cover, and how long a line must be that parts them."""
 
     cells: Mask
     total: int
@@ -179,14 +171,12 @@ def _largest(pieces: Sequence[_Piece], grid: EmitterGrid, ratio: Sequence[float]
         return 0.0
     steps = np.arange(1, pieces[0].total + 1)
     candidates = np.unique(np.concatenate([steps / part for part in set(ratio)]))
-    low, high = 0, len(candidates)
-    while low < high:
-        middle = (low + high) // 2
-        if _shared_out(pieces, _needs(float(candidates[middle]), grid, ratio), grid.colour_gap):
-            low = middle + 1
-        else:
-            high = middle
-    return float(candidates[low - 1]) if low else 0.0
+
+    def too_large(area: float) -> bool:
+        return not _shared_out(pieces, _needs(float(area), grid, ratio), grid.colour_gap)
+
+    fits = bisect.bisect_left(candidates, True, key=too_large)
+    return float(candidates[fits - 1]) if fits else 0.0
 
 
 def _certificate(

@@ -28,8 +28,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Indices, Ints, Labels, Mask
-from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, orient
+from maskfab.base.model import ORIENTATIONS, orient, refined
 from maskfab.display.emitter_rules import EmitterGrid
 
 EVERY = tuple(range(ORIENTATIONS))
@@ -48,18 +47,9 @@ def free_region(mask: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVE
 
     Returns:
         bool [..., n, n] on the grid's cells.
-
-    Raises:
-        JobError: MF117 if the mask is not the one that the grid was made for.
     """
-    clear = np.repeat(np.repeat(np.asarray(mask, dtype=np.bool_), grid.per_dot, axis=-2), grid.per_dot, axis=-1)
+    clear = refined(np.asarray(mask, dtype=np.bool_), grid.per_dot)
     n = grid.cells
-    if clear.shape[-2:] != (n, n):
-        what = (
-            f"an opening of {mask.shape[-2]} x {mask.shape[-1]} dots of {grid.per_dot} cells is not the pixel of "
-            f"{n} x {n} cells"
-        )
-        raise JobError("MF117", what, where="emitters", cure="Make the grid from this opening")
     over = max(0, grid.to_opening - grid.gutter)
     if over == 0:
         taken = _grown(clear, grid.to_opening)
@@ -158,7 +148,6 @@ class Squares:
     is (y, x).
 
     Attributes:
-        cells: n.
         width: w, side of a square in cells.
         gap: least gap between squares of different shapes, in cells.
         stride: bits per row; more than n, so that nothing spreads from one row into the next.
@@ -308,8 +297,6 @@ def facing_squares(region: Mask, grid: EmitterGrid, orientations: Iterable[int] 
 
     Args:
         region: bool [n, n] cells in which an emitter may lie, no margin taken off.
-        grid: the gap between colours, the least width and the gutter, in cells.
-        orientations: those in use; any two of them may meet.
     """
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     reach, pitch = grid.min_width + grid.colour_gap - 1, grid.cells + grid.gutter
@@ -372,7 +359,6 @@ class Borders:
     """The gaps across borders of a panel.
 
     Attributes:
-        side_pairs, diagonal_pairs: how many different pairs meet.
         side_violations, diagonal_violations: how many of them are closer than a rule.
         worst: orientations of the left (or lower left) and the right (or upper right) pixel of the pair that falls
             shortest of its rule; None if no pixels meet.
@@ -416,7 +402,6 @@ def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labe
 
     Args:
         labels: emitters of one pixel, int8 [n, n] on the grid's cells.
-        opening: its clear cells, bool [n, n].
     """
     beside, across = meetings(orientations)
     turned = [(orient(labels, k), orient(opening, k)) for k in range(ORIENTATIONS)]

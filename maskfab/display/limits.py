@@ -61,7 +61,6 @@ class Limited:
 
     Attributes:
         reference: of its reference; None where there is none, or the value is relative to it.
-        limit: None where nothing judges it.
         stated: whether the job states the limit, which is else a default.
     """
 
@@ -106,8 +105,6 @@ class Judgement:
 
     Attributes:
         reference_shares: of a pixel that its red, green and blue cover; None where the rules leave it no room.
-        lives: of light, life and power; none without a reference.
-        field: rows and columns of pixels that were looked at.
         of_map: whether these are those of the die's orientation map.
     """
 
@@ -180,12 +177,7 @@ class EyeAndLife:
         return Viewing(pitch_um if dpi is None else parse_pitch_um(f"{dpi!r} dpi"), self.looks.distance)
 
     def refuse(self, pitch_nm: int, rules: EmitterRules) -> None:
-        """Refuse what a display of a pitch cannot be held against, before anything is searched.
-
-        Raises:
-            JobError: MF117 for a reference display that is asked for and has no room; MF115 for an eye so near that it
-                resolves too much of one pixel.
-        """
+        """Refuse what a display of a pitch cannot be held against, before anything is searched."""
         self.reference(pitch_nm, rules)
         samples = carrying(HIGHEST_CPD, self.viewing(pitch_nm / NM_PER_UM))
         if samples**2 > MOST_SEEN:
@@ -196,11 +188,7 @@ class EyeAndLife:
             raise JobError("MF115", what, where="looks.distance", cure=cure)
 
     def reference(self, pitch_nm: int, rules: EmitterRules) -> Reference | None:
-        """The reference display; None where the rules leave no room for it and nothing was stated of it.
-
-        Raises:
-            JobError: MF117 where something was.
-        """
+        """The reference display; None where the rules leave no room for it and nothing was stated of it."""
         try:
             return Reference.of(self.looks.reference, pitch_nm, rules)
         except JobError:
@@ -216,11 +204,7 @@ def judgement(
     light: LightDemand,
     of_map: tuple[int, int] | None = None,
 ) -> Judgement:
-    """Look at a display, and hold its emitters against those of its reference.
-
-    Raises:
-        JobError: MF121, MF119 for emitters that cannot be shown, MF117 as :meth:`EyeAndLife.reference`.
-    """
+    """Look at a display, and hold its emitters against those of its reference."""
     viewing = asked.viewing(panel.cell_size.pitch_um)
     field = field_of(panel.orientations.shape, viewing, of_map)
     shown = Tiled.of(panel, *field)
@@ -254,12 +238,12 @@ def _looks(own: Looks, usual: Looks | None, section: LooksSection) -> tuple[Limi
 
 
 def _lives(shares: Triple, reference: Triple, light: LightDemand, section: LivesSection) -> tuple[Limited, ...]:
-    found = lives(light, shares, reference)
+    luminance, lasting, drawn = lives(light, shares, reference)
     life, power = _limit(section.life, DEFAULT_LIFE, _LIFE), _limit(section.power, None, _NO_LIMIT)
     return (
-        Limited("luminance", found.luminance, 1.0, None, False, ""),
-        Limited("life", found.life, 1.0, *life),
-        Limited("power", found.power, 1.0, *power),
+        Limited("luminance", luminance, 1.0, None, False, ""),
+        Limited("life", lasting, 1.0, *life),
+        Limited("power", drawn, 1.0, *power),
     )
 
 

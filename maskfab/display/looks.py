@@ -63,9 +63,6 @@ def looks(shown: Tiled, viewing: Viewing) -> Looks:
 
     Args:
         viewing: its pitch may differ from the display's own, which is then seen scaled to it.
-
-    Raises:
-        JobError: MF115 if the eye resolves too much of the field.
     """
     return _looks(shown, shown, viewing)
 
@@ -104,9 +101,6 @@ def seen(shown: Tiled, viewing: Viewing, picture: str) -> Singles:
     Args:
         shown: the field, of die or reference, square and at least eight pixels wide for text.
         picture: "flat", even grey of half the light, or "text".
-
-    Raises:
-        JobError: MF115 if the eye resolves too much of the field.
     """
     image = _PICTURES[picture](*shown.held.shape)
     return appearance(shown.series(image, viewing, HIGHEST_CPD), viewing).astype(np.float32)
@@ -119,8 +113,6 @@ def field_of(
 
     Args:
         cells: rows and columns of the die.
-        viewing: where the eye is; near a display it resolves more, and fewer pixels are looked at.
-        of_map: rows and columns of its orientation map, if it has one.
         least: pixels along a side, however near the eye is.
     """
     most = max(least, math.isqrt(MOST_SEEN) // carrying(HIGHEST_CPD, viewing))

@@ -48,7 +48,6 @@ class PanelLines:
     """Lines of one metal across a panel.
 
     Attributes:
-        axis: along which they run.
         paths: the middles of the lines in order, corner by corner from border to border, nanometres from the panel's
             lower left corner; none if not all of them were found.
     """
@@ -112,7 +111,6 @@ class _Field:
         begins: int64 [bands + 1] where the stretches of a band begin.
         band: int64 [slabs] of every slab.
         cuts: int64 [slabs + 1] where slabs begin and end along the lines.
-        pixels: across.
     """
 
     low: Ints
@@ -167,7 +165,6 @@ class _Field:
         Args:
             within: int64 [bands] stretches that it does not pass on that side.
             limit: int64 [slabs] places that it does not pass there.
-            side: 1 for the last, -1 for the first.
         """
         near, nearest = (self.low, np.minimum) if side > 0 else (self.high, np.maximum)
         limits, way = nearest.reduceat(limit, self._slabs), within
@@ -374,7 +371,6 @@ class _Chains:
         tops: int64 [n, 2] coordinates along the lines at these two.
         tail, head: int64 [m] openings that are near each other, the one of the lower number first.
         passing: int64 [m] lines that pass between.
-        cells: what the cells of the panel are, rows along the lines.
         first: int64, of every cell, the number of its first opening.
         pieces: of every kind of cell, its openings as in :func:`_pieces`.
     """
@@ -499,12 +495,7 @@ class _Chains:
         return self.pieces[int(self.cells.flat[cell])][opening - int(self.first.flat[cell])] + place * self.pitch_nm
 
     def cheapest(self, from_first: Ints, to_last: Ints) -> tuple[int, list[int]]:
-        """The chain of openings that fewest lines pass, from the first side to the last, and how many pass it.
-
-        Args:
-            from_first: int64 [n] lines that pass between the first side and every opening.
-            to_last: int64 [n] between it and the last side.
-        """
+        """The chain of openings that fewest lines pass, from the first side to the last, and how many pass it."""
         size = self.ends.shape[0]
         every, start, stop = np.arange(size), size, size + 1
         tail = np.concatenate((self.tail, every, every))

@@ -114,9 +114,6 @@ def on_pixels(picture: Picture, rows: int, columns: int) -> Floats:
 
     The middle of the picture, cut to the display's shape, is averaged over each pixel's own area, fractions of picture
     elements included. What is transparent is black.
-
-    Raises:
-        JobError: MF121 if a value is not finite, or no light that a display can give.
     """
     height, width = picture.values.shape[:2]
     scale = min(height / rows, width / columns)
@@ -197,9 +194,9 @@ def flat(pixels: int, level: float = 0.5) -> Floats:
     return np.full((pixels, pixels, 3), level)
 
 
-def edge(pixels: int, dark: float = 0.0, bright: float = 1.0) -> Floats:
-    """Dark on the left, bright on the right; where the picture repeats there is the opposite edge."""
-    return _grey(np.broadcast_to(np.where(np.arange(pixels) < pixels // 2, dark, bright), (pixels, pixels)))
+def edge(pixels: int) -> Floats:
+    """Black on the left, white on the right; where the picture repeats there is the opposite edge."""
+    return _grey(np.broadcast_to(np.where(np.arange(pixels) < pixels // 2, 0.0, 1.0), (pixels, pixels)))
 
 
 def zone_plate(pixels: int) -> Floats:

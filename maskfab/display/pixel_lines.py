@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Indices, Ints, Mask
-from maskfab.base.errors import JobError
 from maskfab.base.model import Opening
 
 
@@ -31,25 +30,12 @@ class WireRules:
     """Width and space rules for drawing lines; the defaults are a judgement, no source was found.
 
     Attributes:
-        space_nm: least distance between lines of one layer.
         clearance_nm: least distance from an opaque line to any opening.
-
-    Raises:
-        JobError: MF120 if the line has no width or a distance is negative.
     """
 
     line_nm: int = 3000
     space_nm: int = 3000
     clearance_nm: int = 2500
-
-    def __post_init__(self) -> None:
-        if self.line_nm <= 0 or self.space_nm <= 0 or self.clearance_nm < 0:
-            what = (
-                f"lines of {self.line_nm} nm, {self.space_nm} nm apart and {self.clearance_nm} nm from openings "
-                "cannot be drawn"
-            )
-            cure = "Give positive widths and spaces, and a clearance of 0 or more"
-            raise JobError("MF120", what, where="wiring", cure=cure)
 
 
 def lines_per_layer(width_nm: int, rules: WireRules) -> int:
@@ -68,15 +54,9 @@ class Net:
     Args:
         closed: bool [n, n], y up, True where a line may run.
         direction: vertical lines run from the lowest row to the highest, horizontal ones from the left to the right.
-
-    Raises:
-        JobError: MF120 if the dots are not a square.
     """
 
     def __init__(self, closed: Mask, direction: Direction) -> None:
-        if closed.ndim != 2 or closed.shape[0] != closed.shape[1]:
-            what = f"lines through dots {closed.shape} cannot be counted"
-            raise JobError("MF120", what, where="wiring", cure="Give a square of dots")
         self.direction = direction
         self._upright = np.ascontiguousarray(closed if direction == "vertical" else closed.T)
         self._ids = np.flatnonzero(self._upright)
@@ -156,6 +136,7 @@ def _neighbours(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[n
 
 
 _MOST_TRIED = 400
+"""Sets of ports before the best so far is returned as a lower bound."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +163,6 @@ def ports(
     symmetric: bool = True,
     enough: int | None = None,
     least: int = 0,
-    most_tried: int = _MOST_TRIED,
 ) -> Ports:
     """The most ports, the same at both ends, through which lines run in every given direction.
 
@@ -196,7 +176,6 @@ def ports(
         symmetric: whether the places must be mirror images of each other.
         enough: stop at so many; one more may come out where places are symmetric.
         least: fewer are of no use, so that none come out where there are no more.
-        most_tried: sets to try before the best so far is returned as a lower bound.
     """
     n = closed.shape[0]
     nets = [Net(closed, direction) for direction in directions]
@@ -226,7 +205,7 @@ def ports(
         most = len(chosen) + sum(len(orbit) for orbit in orbits[following:])
         if most <= len(best) or most < least or following == len(orbits):
             continue
-        if tried >= most_tried:
+        if tried >= _MOST_TRIED:
             return Ports(best, False)
         waiting.append((chosen, following + 1))
         larger = tuple(sorted(chosen + orbits[following]))

@@ -7,6 +7,7 @@ grain; its contrast grows with the centroid's distance from its mean over orient
 
 from __future__ import annotations
 
+import bisect
 import heapq
 import math
 from collections.abc import Callable, Iterable
@@ -17,7 +18,7 @@ from itertools import permutations
 import numpy as np
 
 from maskfab.base.arrays import Labels, Mask
-from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient
+from maskfab.base.model import ORIENTATIONS, Emitters, Opening, orient, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict, grid_of
 from maskfab.display.emitter_shapes import (
@@ -58,9 +59,7 @@ def footprint(
     panels in which any two of the orientations meet, and for shapes on the grid's cells.
 
     Args:
-        rules: the maker's; ``required`` decides the verdict.
         largest: work on the placement even if a smaller one answers the question.
-        seed: of the search over crooked borders; the same seed gives the same placement.
 
     Raises:
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid is too fine.
@@ -124,7 +123,6 @@ class LargestGap:
     Attributes:
         found_nm: widest at which a placement was found; None if it was not even at no gap.
         excluded_nm: narrowest at which it is proved impossible; None if it is not within the pixel.
-        footprint: at ``found_nm``.
     """
 
     found_nm: int | None
@@ -138,28 +136,16 @@ def largest_gap(
     gutter_nm: int,
     orientations: Iterable[int],
     rules: EmitterRules,
-    *,
-    step_nm: int | None = None,
-    seed: int = 0,
 ) -> LargestGap:
-    """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one.
-
-    Args:
-        opening, dot_nm, gutter_nm, orientations, rules: as for ``footprint``; the rules' colour gap is not used.
-        step_nm: of the gaps tried; by default the largest on which the other rules are whole numbers.
-        seed: as for ``footprint``.
-
-    Raises:
-        JobError: as ``footprint``.
-    """
+    """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one."""
     used = tuple(orientations)
-    step = step_nm or math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.min_width_nm)
+    step = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.min_width_nm)
     answers: dict[int, Footprint] = {}
 
     def answer(steps: int) -> Footprint:
         if steps not in answers:
             at = replace(rules, colour_gap_nm=steps * step)
-            answers[steps] = footprint(opening, dot_nm, gutter_nm, used, at, seed=seed)
+            answers[steps] = footprint(opening, dot_nm, gutter_nm, used, at)
         return answers[steps]
 
     last = opening.dots * dot_nm // step
@@ -232,14 +218,7 @@ def _two_squares(squares: Squares) -> int:
 
 def _last(last: int, holds: Callable[[int], bool]) -> int:
     """The last of 0 to ``last`` for which it holds, if it holds up to there and not beyond; -1 if for none."""
-    low, high = -1, last
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    return bisect.bisect_left(range(last + 1), True, key=lambda steps: not holds(steps)) - 1
 
 
 _PLACES = 12
@@ -278,12 +257,7 @@ def centred(
     of these the larger placement is chosen.
 
     Args:
-        largest: the largest placement that keeps the rules; None if there is none.
-        rules: the ratio, and the footprint below which no placement goes that is required and found.
         keep: share of the footprint found that must be left, 0 to 1.
-
-    Returns:
-        A placement that keeps all rules, across borders too; None if none was found.
     """
     if largest is None:
         return None
@@ -300,7 +274,7 @@ def centred(
     triples = [(red, green, blue), *cut_triples(light.squares, least * min(ratio), _PLACES)]
     levels = sorted({best, (best + least) / 2, least}, reverse=True)
     candidates = [light.trimmed(shapes, level) for level in levels for shapes in light.most_promising(triples, level)]
-    clear = np.kron(opening.mask, np.ones((grid.per_dot, grid.per_dot), dtype=np.bool_))
+    clear = refined(opening.mask, grid.per_dot)
     offset = round(math.hypot(*luminance_centroid(largest, grid.pitch_nm)), _DIGITS)
     keyed = [(*light.key(shapes), shapes) for shapes in candidates if light.footprint(shapes) >= least - 1e-9]
     for distance, area, shapes in sorted(keyed, key=lambda candidate: candidate[:2]):

@@ -44,7 +44,6 @@ class Reference:
     """A regular display without openings.
 
     Attributes:
-        layout: one of :data:`LAYOUTS`.
         turns: int [2, 2], element of D4 of the pixels of a square that repeats, row 0 the lowest.
     """
 
@@ -56,10 +55,6 @@ class Reference:
     @classmethod
     def of(cls, layout: str, pitch_nm: int, rules: EmitterRules, *, where: str = "looks.reference") -> Reference:
         """The layout by a job's rules.
-
-        Args:
-            layout: one of :data:`LAYOUTS`.
-            rules: gap between colours, least width, ratio of areas.
 
         Raises:
             JobError: MF117 if an emitter would be narrower than ``min_width``.

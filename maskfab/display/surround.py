@@ -44,13 +44,7 @@ class Surrounded:
 
     @classmethod
     def of(cls, panel: Panel, reference: Reference, most: int, samples: int, seen_samples: int) -> Surrounded:
-        """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround.
-
-        Args:
-            most: pixels along a side.
-            samples: along a pixel, of the light.
-            seen_samples: along a pixel, of what the eye takes in.
-        """
+        """As many pixels of a panel as there are, up to ``most``, and as can be shown with a surround."""
         whole = min(math.isqrt(MOST_SAMPLES) // max(1, samples), math.isqrt(_MOST_SEEN) // seen_samples)
         inside = max(1, min(most, *panel.orientations.shape, whole * _AROUND // (_AROUND + 2) - 2))
         return cls(panel, reference, inside, math.ceil(inside / _AROUND))
@@ -67,11 +61,7 @@ class Surrounded:
 
     @property
     def tiled(self) -> Tiled:
-        """Pixels of both.
-
-        Raises:
-            JobError: MF121, MF119 for emitters that cannot be shown.
-        """
+        """Pixels of both."""
         own, regular = Tiled.of(self.panel, self.inside, self.inside), self.reference.tiled(self.pixels, self.pixels)
         held = regular.held + len(own.tiles)
         middle = slice(self.around, self.around + self.inside)
@@ -92,35 +82,22 @@ class Surrounded:
         outer[first - reach : last + reach, first - reach : last + reach] = False
         step = float(np.linalg.norm(off[within].mean(axis=0) - off[outer].mean(axis=0)))
         # A line is a mean along the side; what a like mean has anywhere in the die is no border.
-        along_y, along_x = off[first:last].mean(axis=0), off[:, first:last].mean(axis=1)
-        lines = [
-            float(np.linalg.norm(profile[at - reach : at + reach], axis=-1).max())
-            for profile in (along_y, along_x)
-            for at in (first, last)
-        ]
-        middle = (first + last) // 2
-        usual = [
-            float(np.linalg.norm(profile[middle - reach : middle + reach], axis=-1).max())
-            for profile in (along_y, along_x)
-        ]
-        return [
-            Quantity(
-                "border_delta_e_inside", float(seen[within].mean()), "mean S-CIELAB ΔE of an even field", die=name
-            ),
-            Quantity(
-                "border_delta_e_outside",
-                float(seen[outer].mean()),
-                f"the same of the regular display round the die, {self.reference.layout}",
-                die=name,
-            ),
-            Quantity(
-                "border_delta_e_step", step, "ΔE between the mean L*a*b* of the die and of its surround", die=name
-            ),
-            Quantity(
-                "border_delta_e_edge",
-                max(lines),
-                f"largest ΔE of the mean along a side within {_NEAR_DEG:g} degrees of it; {max(usual):.2g} across the "
-                "middle of the die",
-                die=name,
-            ),
-        ]
+        profiles = off[first:last].mean(axis=0), off[:, first:last].mean(axis=1)
+
+        def largest(*places: int) -> float:
+            near = (profile[at - reach : at + reach] for profile in profiles for at in places)
+            return max(float(np.linalg.norm(each, axis=-1).max()) for each in near)
+
+        line, usual = largest(first, last), largest((first + last) // 2)
+        regular = f"the same of the regular display round the die, {self.reference.layout}"
+        edge = (
+            f"largest ΔE of the mean along a side within {_NEAR_DEG:g} degrees of it; {usual:.2g} across the "
+            "middle of the die"
+        )
+        numbers = (
+            ("inside", float(seen[within].mean()), "mean S-CIELAB ΔE of an even field"),
+            ("outside", float(seen[outer].mean()), regular),
+            ("step", step, "ΔE between the mean L*a*b* of the die and of its surround"),
+            ("edge", line, edge),
+        )
+        return [Quantity(f"border_delta_e_{key}", value, method, die=name) for key, value, method in numbers]

@@ -38,8 +38,6 @@ def turned_grain(
 
     Args:
         emitters: of a pixel; colours without area send nothing.
-        elements: of D4, equally likely.
-        highest_cpd: cycles per degree.
     """
     weights = _luminance(emitters)
     if not weights.any():

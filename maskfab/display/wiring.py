@@ -54,7 +54,6 @@ def reaches(closed: Mask, emitters: Emitters) -> tuple[Reach, ...]:
 
     Args:
         closed: bool [n, n], True where a line may run.
-        emitters: on cells that divide the dots.
     """
     per_dot = emitters.labels.shape[0] // closed.shape[0]
     ways = []
@@ -156,14 +155,10 @@ class Wiring:
     """Wiring of the pixels of a panel.
 
     Attributes:
-        wanted: lines along each axis.
-        in_gutter: opaque lines that every gutter holds, of those wanted.
         through: opaque lines drawn through closed area of every pixel alike, along x and along y, at ports that all
             orientations share.
-        transparent: transparent lines along each axis.
         laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
             transparent in every row and column of pixels; None where every pixel is drawn alike.
-        failed: a proof that the lines asked for cannot be; None without.
         broken: rules that the laid lines break, measured from their polygons.
     """
 
@@ -193,11 +188,7 @@ class Wiring:
 
 
 def check_wires(panel: Panel, demand: WireDemand) -> None:
-    """Refuse wires that no pixel can hold.
-
-    Raises:
-        JobError: MF120 if a line or a transparent wire is wider than the pixel.
-    """
+    """Refuse wires that no pixel can hold."""
     for name, width_nm in (("line", demand.rules.line_nm), ("transparent", demand.transparent_nm)):
         if width_nm > panel.pitch_nm:
             what = f"{name} = {width_nm / NM_PER_UM:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel"
@@ -237,7 +228,6 @@ def wired_alike(panel: Panel, opening: Opening, demand: WireDemand, *, whole: bo
     all drawn alike in eight orientations is wired whatever the map.
 
     Args:
-        panel, opening, demand: as for :func:`wiring`.
         whole: fewer lines than are asked for are of no use, and are not sought.
     """
     transparent = int(demand.transparent_nm > 0)

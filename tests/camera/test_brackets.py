@@ -85,14 +85,6 @@ def test_one_exposure_is_itself():
     np.testing.assert_array_equal(merged([record]).clipped, record.clipped)
 
 
-@pytest.mark.parametrize(("sizes", "code"), [((), "MF105"), ((8, 9), "MF121")])
-def test_nothing_to_merge_is_refused(sizes, code):
-    taken = [Record(np.zeros((3, 4, n), np.float32), Noise(100.0, 1.0)) for n in sizes]
-    with pytest.raises(JobError) as caught:
-        merged(taken)
-    assert caught.value.code == code
-
-
 @dataclass(frozen=True)
 class Halo:
     """A design: half of the light in a Gaussian of 20 pixels, the other half sharp."""

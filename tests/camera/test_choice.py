@@ -12,7 +12,6 @@ import scipy.fft
 import scipy.ndimage
 from once import leaves
 
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Margin
 from maskfab.camera.record import Noise, Record, Restorer
 from maskfab.camera.restorers.choice import COUNTED, Choice, Judge, expected_errors, mixed
@@ -293,11 +292,3 @@ def test_pixels_that_a_full_well_cut_off_are_not_judged(true):
     found = Choice(restorers, width=WIDTH).restore(record, Halo(), dict.fromkeys(known, 0.0))
     assert found.criteria["dark"] == found.criteria["true"] < found.criteria["off"]
     assert np.isfinite(list(found.criteria.values())).all()
-
-
-@pytest.mark.parametrize(
-    ("restorers", "epsilons"), [([], {}), ([Wiener(), Wiener()], {"wiener": 0.1}), ([Wiener()], {"dct": 0.1})]
-)
-def test_restorers_without_names_or_strengths_of_their_own_are_refused(restorers, epsilons):
-    with pytest.raises(JobError, match="MF105"):
-        Choice(restorers, width=WIDTH).restore(taken(), Halo(), epsilons)

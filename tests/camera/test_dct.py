@@ -14,7 +14,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from once import leaves
 
 from maskfab.base import resources
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Margin
 from maskfab.camera.lens import lay
 from maskfab.camera.protocol import EPSILONS, F1, evaluate
@@ -91,11 +90,6 @@ def test_any_size_stays_finite_and_near_the_light(rows, columns, light, seed):
     assert calm.shape == flat.shape
     sigma = float(np.sqrt(DIM.variance(np.float32([light])))[0])
     assert abs(calm - light).max() < 5 * sigma
-
-
-def test_a_record_smaller_than_a_window_is_refused():
-    with pytest.raises(JobError, match="MF121"):
-        denoised(Record(np.zeros((3, 7, 30), dtype=np.float32), DIM))
 
 
 @pytest.mark.parametrize("electrons", [273.0, 10024.0])

@@ -203,5 +203,3 @@ def test_bad_studies_are_refused_before_any_work(leaves, table):
     ):
         with pytest.raises(JobError, match=code):
             evaluate(designs, test, tuning, levels)
-    with pytest.raises(JobError, match="MF105"):
-        table.gains("nobody")

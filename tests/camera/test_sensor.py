@@ -70,11 +70,6 @@ def test_a_mosaic_keeps_planes_exactly_and_what_it_recorded(numbers, turns):
     np.testing.assert_array_equal(sampled(found), seen)
 
 
-def test_a_mosaic_on_odd_sides_is_refused():
-    with pytest.raises(JobError, match="MF140"):
-        record_light(Sensor(mosaic="rggb"), FLAT[:, :199], 100.0, 0)
-
-
 @pytest.mark.parametrize(
     "stated",
     [

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.base.errors import JobError, OpeningError
 from maskfab.camera.lens import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, pupil_transfer
 
 
@@ -53,22 +52,3 @@ def test_an_open_panel_is_the_stop_and_turning_every_cell_turns_the_panel():
     plain = lay("a", unit, np.zeros((CELLS, CELLS), dtype=np.int8)).pupil
     turned = lay("b", unit, np.full((CELLS, CELLS), 2, dtype=np.int8)).pupil
     np.testing.assert_array_equal(turned, plain[::-1, ::-1])
-
-
-@pytest.mark.parametrize(
-    ("unit", "code"),
-    [
-        (np.ones((3, 4), dtype=np.bool_), "MF201"),
-        (np.ones(5, dtype=np.bool_), "MF201"),
-        (np.full((3, 3), 0.5), "MF202"),
-        (np.zeros((3, 3), dtype=np.bool_), "MF203"),
-    ],
-)
-def test_bad_openings_are_refused(unit, code):
-    with pytest.raises(OpeningError, match=code):
-        lay("bad", unit)
-
-
-def test_orientations_of_units_that_are_not_there_are_refused():
-    with pytest.raises(JobError, match="MF122"):
-        lay("bad", np.ones((3, 3), dtype=np.bool_), np.full((CELLS, CELLS), 8))

@@ -44,7 +44,7 @@ def test_samples_that_cells_do_not_divide_hold_exact_areas(slit_panel):
 
 def test_emitters_turn_as_openings_do(slit_panel):
     panel = slit_panel()
-    tiles = emitted_light.emission(panel, 42)
+    tiles = np.stack([tile.samples(42) for tile in emitted_light.tiles_of(panel)])
     assert tiles.shape == (8, 3, 42, 42)
     for turn in range(8):
         for colour in range(3):
@@ -63,22 +63,6 @@ def test_the_ideal_display_shines_evenly():
     light = emitted_light.ideal(image, 3, 84.0)
     assert light.pixels == (2, 3)
     assert (light.rgb[:, 3:6, 6:9] == image[1, 2][:, None, None]).all()
-
-
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((0, 3, 3)),
-        np.zeros((3, 3)),
-        np.full((3, 3, 3), np.nan),
-        np.full((3, 3, 3), np.inf),
-        np.full((3, 3, 3), 1.5),
-        np.full((3, 3, 3), -0.1),
-    ],
-)
-def test_what_is_no_picture_is_refused(slit_panel, image):
-    with pytest.raises(JobError, match="MF121"):
-        emitted_light.show(slit_panel(count=3), image, 3)
 
 
 def test_what_cannot_be_shown_is_refused_with_the_cure(slit_panel):

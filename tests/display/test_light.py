@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
-from maskfab.base.errors import JobError
 from maskfab.display.drive import LightDemand, current_density, relative_life
 
 
@@ -26,10 +23,3 @@ def test_life(area: float, lives: tuple[float, float, float]) -> None:
 
 def test_vendor_claim_gives_three_lives() -> None:
     assert relative_life(1 / 60, 1 / 28) == pytest.approx(3, rel=2e-3)
-
-
-def test_bad_numbers() -> None:
-    with pytest.raises(JobError, match="MF104"):
-        LightDemand(luminance_cd_per_m2=math.nan)
-    with pytest.raises(JobError, match="MF104"):
-        current_density(LightDemand(), (0.1, 0.0, 0.1))

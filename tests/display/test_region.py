@@ -5,7 +5,6 @@ import pytest
 from display.shapes import cells
 from scipy import ndimage
 
-from maskfab.base.errors import JobError
 from maskfab.base.model import orient
 from maskfab.display.free_area import EVERY, free_region, relative_orientations
 
@@ -94,9 +93,3 @@ def test_all_orientations_of_an_opening_have_the_same_region_turned():
     grid = cells(10, to_opening=3, gutter=1, per_dot=2)
     for k in EVERY:
         assert np.array_equal(free_region(orient(DOTS, k), grid), orient(free_region(DOTS, grid), k))
-
-
-def test_another_openings_grid_is_refused():
-    with pytest.raises(JobError, match="MF117") as error:
-        free_region(DOTS, cells(6))
-    assert "5 x 5 dots" in str(error.value)

@@ -31,9 +31,9 @@ def test_the_zone_plate_reaches_half_a_cycle_per_pixel_at_its_sides():
 
 
 def test_the_edge_is_vertical():
-    image = pictures.edge(10, 0.1, 0.9)
-    assert (image[:, :5] == 0.1).all()
-    assert (image[:, 5:] == 0.9).all()
+    image = pictures.edge(10)
+    assert (image[:, :5] == 0).all()
+    assert (image[:, 5:] == 1).all()
 
 
 def test_text_reads_upright():

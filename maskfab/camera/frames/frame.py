@@ -42,7 +42,6 @@ class Lattice:
 
     Attributes:
         channel: of a frame of three planes; None of one that is a mosaic or has no colours.
-        first: row and column of the uppermost left one.
         step: rows and columns from one to the next, 1 or 2.
     """
 
@@ -62,18 +61,12 @@ class Frame:
     """One exposure.
 
     Attributes:
-        name: of its file.
         counts: float32 [rows, columns], or [3, rows, columns] where all three colours are there at every pixel; row 0
             the top, as the file holds them, not turned.
         black: counts of no light, one for each lattice: those of a mosaic's four places row by row, or of R, G, B.
         white: counts at which a pixel is full; infinite where nothing states it.
-        pattern: colours of the mosaic's places, or None.
-        exposure_s: in seconds; None where it is not known.
-        balance: factors of R, G and B that make white neutral; None where the file has none.
+        balance: factors of R, G and B that make white neutral.
         colour_matrix: float64 [3, 3], from balanced R, G, B to those of linear sRGB; None where the file has none.
-        camera: maker and model; empty where the file does not tell.
-        sensitivity: ISO speed; None where the file does not tell.
-        sha256: of the file; empty without one.
         corner: row and column of the file that is pixel (0, 0) here.
     """
 
@@ -122,15 +115,7 @@ class Frame:
         return np.asarray(rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
 
     def cropped(self, middle: tuple[int, int], side: int) -> Frame:
-        """A square of the frame, its corner on an even row and column so that the mosaic stays as it is.
-
-        Args:
-            middle: row and column about which it lies, to within a pixel.
-            side: its pixels.
-
-        Raises:
-            SourceError: MF337 if it does not lie in the frame.
-        """
+        """A square of the frame (MF337), its corner on an even row and column so that the mosaic stays as it is."""
         top, left = ((at - side // 2) // 2 * 2 for at in middle)
         rows, columns = self.shape
         if side < 1 or top < 0 or left < 0 or top + side > rows or left + side > columns:
@@ -145,11 +130,7 @@ class Frame:
 
 
 def same_sensor(frames: Sequence[Frame]) -> None:
-    """Refuse frames that differ in what their sensor is (MF331).
-
-    Raises:
-        SourceError: MF331 with what differs, and the frames that do.
-    """
+    """Refuse frames that differ in what their sensor is (MF331)."""
     first = frames[0]
     for other in frames[1:]:
         for what, one, two in (
@@ -237,7 +218,6 @@ def read_frame(
 
     Args:
         path: ``.tif .tiff .png .exr``; anything else is taken for RAW. Or a frame in memory.
-        exposure_s: in seconds; what the file states if None.
         black: counts of no light in every colour; what the file states, or 0, if None.
         white: counts of a full pixel; what the file states, 65535 of 16 bits or infinite if None.
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
@@ -289,11 +269,7 @@ def read_frames(
     """Frames of one sensor.
 
     Args:
-        paths: of one or more files, or frames in memory.
         times_s: an exposure for each file, in their order; what the files state if None.
-        black: as :func:`read_frame`.
-        white: as :func:`read_frame`.
-        mosaic: as :func:`read_frame`.
 
     Raises:
         SourceError: as :func:`read_frame`; MF331 if they are not of one sensor, MF332 if there are not as many times as

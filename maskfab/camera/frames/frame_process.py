@@ -37,11 +37,7 @@ _CURE = "Save the frame as the camera's RAW, or as linear TIFF or PNG of 16 bits
 
 
 def raw_frame(path: Path) -> Frame:
-    """A RAW file by LibRaw: what the sensor counted inside its visible edge, not turned, nothing interpolated.
-
-    Raises:
-        SourceError: MF303 damaged, MF308 no RAW file that LibRaw knows or no mosaic of 2 x 2, MF313 too large.
-    """
+    """A RAW file by LibRaw: what the sensor counted inside its visible edge, not turned, nothing interpolated."""
     import rawpy
 
     try:
@@ -72,12 +68,7 @@ def raw_frame(path: Path) -> Frame:
 
 
 def picture_frame(path: Path) -> Frame:
-    """A picture whose values are linear in the light: unsigned of 16 bits, or floating point.
-
-    Raises:
-        SourceError: MF303 damaged, or not finite; MF308 of several pages, turned, or with channels that are not grey or
-            red, green and blue; MF313 too large; MF318 a TIFF that does not say what is white; MF330 not linear.
-    """
+    """A picture whose values are linear in the light: unsigned of 16 bits, or floating point."""
     if path.suffix.lower() not in (".tif", ".tiff"):
         return _of_picture(path, path)
     with shown_alike(path) as shown:

@@ -40,7 +40,7 @@ from maskfab.base import __version__
 from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import PLANE_COLOURS, Colour, Frame, Lattice, Pattern, letters, same_sensor
-from maskfab.camera.frames.stack import SIGMA_OF_MAD, check_stack, mean_beside
+from maskfab.camera.frames.stack import SIGMA_OF_MAD, check_stack, mean_beside, require_gain
 from maskfab.mask.formats.exr import Fact, write_channels
 
 _HOT, _ALONE = 6.0, 8.0
@@ -76,15 +76,7 @@ surroundings as under dust, and those that are too dark to be divided by their s
 def _response(
     frames: Sequence[Frame], place: int, lattice: Lattice, electrons_per_count: float, dark_e2: float
 ) -> _Response:
-    """Response of one colour's pixels from frames of even light.
-
-    Args:
-        frames: of the flat field, none of them full.
-        dark_e2: variance without light, in electrons squared.
-
-    Raises:
-        SourceError: MF334 if a flat field is dark, or a twentieth of it is full.
-    """
+    """Response of one colour's pixels from frames of even light."""
     full = np.any([frame.full for frame in frames], axis=0)[
         lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step
     ]
@@ -104,11 +96,7 @@ def _response(
 
 
 def alone(light: Floats, sigma: Floats, valid: Mask) -> Mask:
-    """Pixels eight standard deviations from neighbours that agree among themselves: dust, a hot pixel, or a fine peak.
-
-    Args:
-        light: [rows, columns] of one colour.
-    """
+    """Pixels eight standard deviations from neighbours that agree: dust, a hot pixel, or a fine peak."""
     beside = mean_beside(light, valid)
     expected = mean_beside(np.where(valid, sigma, 0.0) ** 2, valid)
     agreed = mean_beside(light**2, valid) - beside**2 < _ALIKE**2 * expected
@@ -149,7 +137,6 @@ class Drift:
 
     Attributes:
         factor: as it is told by the pixels that both see.
-        error: of it; infinite where they tell nothing.
         taken_out: by how much the exposure is divided, 1 where no drift is proven.
     """
 
@@ -159,11 +146,7 @@ class Drift:
 
 
 def drifts(colours: Sequence[Exposed], times_s: Sequence[float], names: Sequence[str]) -> tuple[Drift, ...]:
-    """Drift of each exposure against the longest, from each to the next shorter.
-
-    Raises:
-        SourceError: MF332 if the light of two exposures differs by more than a factor of two, which no lamp drifts.
-    """
+    """Drift of each exposure against the longest, from each to the next shorter."""
     order = sorted(range(len(times_s)), key=lambda place: -times_s[place])
     drifted = {order[0]: Drift(1.0, 0.0, 1.0)}
     for longer, shorter in pairwise(order):
@@ -221,15 +204,12 @@ class Plane:
     """Merged light of one colour.
 
     Attributes:
-        colour: ``R G B``, or ``-`` of a sensor without colours.
-        first: row and column of its uppermost left pixel.
         step: rows and columns from one pixel to the next, 1 or 2.
         electrons_per_s: [rows, columns] the light; electrons of the one exposure where its time is not known; 0 where
             not valid.
         sigma: [rows, columns] its standard deviation; infinite where not valid.
         valid: [rows, columns] whether any exposure tells it and no defect forbids it.
         shot: [rows, columns] variance of each electron a second.
-        floor: [rows, columns] variance without light.
         share: [rows, columns] the pixels' response.
         relative: [rows, columns] standard deviation of the response, of itself; 0 without a flat field.
         exposed: what it was merged of, in the order of the frames.
@@ -276,12 +256,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Used:
-    """One exposure as it was used.
-
-    Attributes:
-        exposure_s: its time; None where it is not known.
-        full: pixels that are full, or beside one.
-    """
+    """One exposure as it was used."""
 
     name: str
     sha256: str
@@ -298,10 +273,7 @@ class Merged:
 
     Attributes:
         planes: one, three, or the four of a mosaic.
-        shape: rows and columns of the frames.
         corner: row and column of the files that is pixel (0, 0).
-        pattern: of the mosaic, or None.
-        read_noise_e: in electrons.
         hot: places that dark frames tell as hot; not valid.
         disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
             valid.
@@ -348,9 +320,7 @@ def merged(
     """
     check_stack(frames)
     same_sensor([frames[0], *dark, *flat])
-    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
-        what = f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons"
-        raise SourceError("MF335", what, cure="Give a gain above 0 and a read noise of 0 or more")
+    require_gain(electrons_per_count, read_noise_e)
     times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
     lattices = list(enumerate(frames[0].lattices))
     dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if all(frame.whole for frame in frames) else 0.0)
@@ -519,11 +489,7 @@ _HIDDEN = 0.1
 
 
 def check_centre(merged: Merged) -> None:
-    """Refuse a light whose centre is full in every exposure: a fit would tell its peak by its foot.
-
-    Raises:
-        SourceError: MF334 with how many pixels are full.
-    """
+    """Refuse a light whose centre is full in every exposure: a fit would tell its peak by its foot."""
     for plane in merged.planes:
         full = ~plane.exposed.usable.any(axis=0) & ~plane.exposed.hot
         beside = ndimage.binary_dilation(full, iterations=2) & plane.valid
@@ -539,9 +505,6 @@ def write_merged(merged: Merged, light: Path, sigma: Path) -> None:
     """Write two files of float32, [rows, columns] of the frames: one channel ``Y`` (a mosaic stays one), or R, G and B.
 
     Pixels that are not valid have light 0 and an infinite standard deviation.
-
-    Args:
-        light: the file of the light, electrons a second.
 
     Raises:
         OutputError: MF401 if a file cannot be written; nothing is left under its name.

@@ -42,10 +42,6 @@ def check_stack(frames: Sequence[Frame]) -> None:
     """Refuse frames that cannot be merged.
 
     One frame needs no time; several need times that differ.
-
-    Raises:
-        SourceError: MF331 of unlike sensors, MF332 times missing, all equal or of no camera, MF333 pixels that are full
-            below the white level, or a black level that is not taken off, MF334 without frames.
     """
     if not frames:
         raise SourceError("MF334", "there are no frames", cure="Give one or more")
@@ -117,7 +113,6 @@ def mean_beside(values: Floats, usable: Mask) -> Floats:
     """Mean of each pixel's eight neighbours of its colour, the pixel itself left out.
 
     Args:
-        values: [rows, columns] of one colour.
         usable: which of them count; 0 where none of a pixel's neighbours does.
     """
     total = ndimage.convolve(np.where(usable, values, 0.0), _AROUND, mode="constant")
@@ -178,9 +173,6 @@ def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int,
     """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
 
     Where the frame ends the square is moved, by up to a quarter of itself.
-
-    Raises:
-        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
     """
     row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
     if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
@@ -207,14 +199,8 @@ def _spots(frame: Frame) -> Singles:
 
 def _unspiked(values: Singles) -> Singles:
     """No pixel brighter than the brightest of its eight neighbours: a hot one alone makes no spot."""
-    rows, columns = values.shape
-    padded = np.pad(values, 1, constant_values=-np.inf)
-    beside = np.full_like(values, -np.inf)
-    for down in range(3):
-        for right in range(3):
-            if (down, right) != (1, 1):
-                np.maximum(beside, padded[down : down + rows, right : right + columns], out=beside)
-    return np.minimum(values, beside)
+    beside = ndimage.maximum_filter(values, footprint=_AROUND > 0, mode="constant", cval=-np.inf)
+    return np.asarray(np.minimum(values, beside))
 
 
 def _level(spots: Singles) -> float:
@@ -243,7 +229,6 @@ class Gain:
     Attributes:
         read_noise_e: in electrons, without what rounding to counts adds.
         misfit: chi² per degree of freedom of the line; errors are larger by its root where it is above 1.
-        samples: variances of pixels that were used.
     """
 
     electrons_per_count: float
@@ -256,15 +241,7 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """Pixels of one colour over equal frames; the variance of each is expected to be slope x light + floor x dark.
-
-    Attributes:
-        light: [pixels] mean counts above black.
-        beside: [pixels] that of each one's neighbours.
-        variance: [pixels] of the counts.
-        dark: [pixels] by how much noise of the dark counts, after drift is divided out.
-        freedom: [pixels] frames, less one.
-    """
+    """Pixels of one colour over equal frames; the variance of each is expected to be slope x light + floor x dark."""
 
     light: Floats
     beside: Floats
@@ -397,6 +374,13 @@ def _misfit(pixels: _Pixels, slope: float, floor: float) -> float:
         for part in parts
     ]
     return float(sum(off) / max(len(off) - 2, 1))
+
+
+def require_gain(electrons_per_count: float, read_noise_e: float, where: str = "") -> None:
+    """Refuse a gain or a read noise that no sensor has (MF335)."""
+    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
+        what = f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons"
+        raise SourceError("MF335", what, where=where, cure="Give a gain above 0 and a read noise of 0 or more")
 
 
 def _unknown(what: str, cure: str) -> SourceError:

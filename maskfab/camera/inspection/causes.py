@@ -85,12 +85,9 @@ class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
-        image: of the die, in light as wide as residuals ask for.
         taken: what was fitted, without dust, merged with the gains that were found.
         width: full width of the light at half maximum and its standard error, um; None of a point.
         dust: pixels of every grid that were left out.
-        factor: root of chi² per pixel.
-        most: the most that noise allows it.
         cause: of what is left; None where the fit explains the frames.
     """
 
@@ -99,9 +96,17 @@ class Explanation:
     fit: Fit
     width: tuple[float, float] | None
     dust: tuple[Mask, ...]
-    factor: float
-    most: float
     cause: Cause | None
+
+    @property
+    def factor(self) -> float:
+        """Root of chi² per pixel."""
+        return math.sqrt(self.fit.chi2 / self.fit.freedom)
+
+    @property
+    def most(self) -> float:
+        """The most of it that noise allows."""
+        return math.sqrt(_most(self.fit))
 
     @property
     def dusty(self) -> int:
@@ -110,11 +115,7 @@ class Explanation:
 
 
 def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explanation:
-    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
-
-    Args:
-        fit: of it, with few terms, that the search begins with.
-    """
+    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift."""
     dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
     taken, width = tuple(taken), None
     for turn in range(2):
@@ -131,10 +132,7 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         taken = expecting(image, taken, fit.setting)
         image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
-    factor, most = math.sqrt(fit.chi2 / fit.freedom), math.sqrt(_most(fit))
-    return Explanation(
-        image, taken, with_frames(image, taken, fit), width, dust, factor, most, _left(image, taken, fit)
-    )
+    return Explanation(image, taken, with_frames(image, taken, fit), width, dust, _left(image, taken, fit))
 
 
 def _fresh(setting: Setting) -> Setting:
@@ -185,8 +183,8 @@ def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | Non
         weights = np.where(capture.valid, capture.sigma**-2.0, 0.0)
         rest = np.where(capture.valid, capture.light - fit.predicted[k], 0.0) * weights
         # Moved pictures are those of the window's pixels, so both sums are correlations.
-        alike = alike + light * _correlated(pictures[k], rest)
-        power = power + light**2 * _correlated(pictures[k] ** 2, weights)
+        alike = alike + light * scipy.signal.correlate(pictures[k], rest, "valid", "fft")
+        power = power + light**2 * scipy.signal.correlate(pictures[k] ** 2, weights, "valid", "fft")
     gain = np.where((alike > 0) & (power > 0), alike**2 / np.maximum(power, 1e-300), 0.0)
     middle = [(side - 1) // 2 for side in gain.shape]
     rows, columns = (np.arange(side) - at for side, at in zip(gain.shape, middle, strict=True))
@@ -195,14 +193,6 @@ def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | Non
     # The picture at an index is that moved the other way; rows run downwards.
     x_um, y_um = -steps[0] * float(columns[column]), steps[0] * float(rows[row])
     return Lamp(x_um, y_um, float(alike[row, column] / power[row, column])), float(gain[row, column])
-
-
-def _correlated(picture: Floats, weights: Floats) -> Floats:
-    """Sums of weights over a larger picture, for every place that holds all of them."""
-    size = tuple(scipy.fft.next_fast_len(side, real=True) for side in picture.shape)
-    product = scipy.fft.rfft2(picture, size) * np.conj(scipy.fft.rfft2(weights, size))
-    rows, columns = (whole - part + 1 for whole, part in zip(picture.shape, weights.shape, strict=True))
-    return np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
 
 
 def _widened(pixels: Pixels, beyond: int) -> Pixels:
@@ -216,11 +206,7 @@ def _widened(pixels: Pixels, beyond: int) -> Pixels:
 
 
 def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, ...]:
-    """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many.
-
-    Args:
-        core: share of the peak from which light is left alone.
-    """
+    """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many."""
     masks = []
     for capture, residual, predicted in zip(taken, fit.residuals, fit.predicted, strict=True):
         seen = residual[capture.valid]

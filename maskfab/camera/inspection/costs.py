@@ -65,7 +65,6 @@ class _Seen(Isoplanatic):
 
     @property
     def transmission(self) -> float:
-        """See :class:`maskfab.camera.imaging.Design`."""
         return self.share
 
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
@@ -76,8 +75,6 @@ def costs(image: DieImage, setting: Setting, seen: Sequence[str], drawn_way_roun
     """Costs of every disagreement between a die as fitted and as drawn, and of all together.
 
     Args:
-        image: of the die, the way round that it stands.
-        setting: that was fitted.
         seen: names of the setting's values that are above their errors; place and those below cost nothing alone.
         drawn_way_round: element of D4 by which the die would stand if it were as the job says.
     """

@@ -73,9 +73,6 @@ def gaussian_nodes(sigma: float) -> tuple[Floats, Floats]:
     """Places and weights that stand for a Gaussian under which such a picture is smoothed, by the trapezoid rule.
 
     Its repetitions along the frequency fall on the picture's band with less than 1e-5 of themselves.
-
-    Args:
-        sigma: standard deviation, in samples; 0 of a point.
     """
     if not sigma:
         return np.zeros(1), np.ones(1)
@@ -149,12 +146,7 @@ def _rim(pupil: Pupil, x: Floats, y: Floats, frequencies: Floats) -> _Rim:
 
 @dataclass(frozen=True, eq=False)
 class DieField:
-    """A die behind its stop, ready for any lens.
-
-    Attributes:
-        energy_um2: transmitted, of the die as designed.
-        frequencies: from 0 up, cycles per micrometre, alike along both axes, [n].
-    """
+    """A die behind its stop, ready for any lens."""
 
     energy_um2: float
     frequencies: Floats
@@ -310,12 +302,7 @@ LAMP = ("lamp_x_um", "lamp_y_um", "lamp_share")
 
 @dataclass(frozen=True)
 class Lamp:
-    """Another light behind the same die.
-
-    Attributes:
-        x_um, y_um: its place on the sensor from that of the first light, y upwards.
-        share: its power over that of the first light.
-    """
+    """Another light behind the same die: its place on the sensor from the first one's, y upwards, and share of it."""
 
     x_um: float
     y_um: float
@@ -333,7 +320,6 @@ class Setting:
             less 1.
         bias_um: by which clear features are wider than drawn.
         terms: the lens's errors, pairs of Noll's number and waves at the camera's first line.
-        lamp: another light in the picture, or None.
     """
 
     x_um: float = 0.0
@@ -413,9 +399,6 @@ class DieImage:
         """The image of a die.
 
         Args:
-            panel: of the die, its middle on the axis.
-            way_round: element of D4 that takes the die as drawn to how it stands, as of
-                :func:`maskfab.base.model.orient`.
             off_um: how far from their origin along an axis another lamp may lie.
         """
         openings = panel_aperture(panel, camera.stop.diameter_um / 2)
@@ -578,12 +561,7 @@ class DieImage:
 
 
 def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
-    """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach.
-
-    Args:
-        camera: behind whose stop a speckle is as wide as wavelength x focal length / diameter.
-        reach_um: distance from the middle of the picture.
-    """
+    """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach."""
     order = np.argsort(lines.wavelengths_nm)
     wavelengths, weights = lines.wavelengths_nm[order], lines.weights[order]
     apart_nm = _SPECKLES_APART * float(wavelengths.min()) ** 2 * UM_PER_NM * camera.focal_um

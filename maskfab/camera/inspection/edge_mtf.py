@@ -45,7 +45,6 @@ class MtfCurve:
     """A measured MTF.
 
     Attributes:
-        pixel_um: side of the sensor pixel that its frequencies refer to.
         frequency_cy_per_px: float64 [n >= 2], ascending.
         mtf: float64 [n].
         low, high: float64 [n], ends of its band; None if the file has none.
@@ -80,8 +79,6 @@ def read_mtf(path: Path, pixel_um: float, normal_deg: float = 0.0) -> MtfCurve:
 
     Args:
         path: a .csv; lines that begin with ``#`` are skipped.
-        pixel_um: side of the sensor's pixel.
-        normal_deg: direction of its waves, from right towards up.
 
     Raises:
         SourceError: MF308 for another suffix, MF301 missing, MF302 empty, MF304 not text; MF303 for a header, row or
@@ -122,10 +119,6 @@ class DesignedMtf:
     """The designed presampled MTF along an edge's normal, at the frequencies of the measured one.
 
     Attributes:
-        light: the band's name, or the line.
-        wavelength_nm: the line; None of a band.
-        frequency_cy_per_px: float64 [n].
-        mtf: float64 [n].
         seen: float64 [n], through the window of the measurement, 1 at 0: what a perfect measurement shows; ``mtf``
             itself where nothing is known of a window.
         uncertainty: bound of the error of the transfer function.
@@ -159,12 +152,8 @@ def designed_mtf(
 
     Args:
         frequency_cy_per_px: float64 [n], 0 first.
-        normal_deg: direction of the waves in the picture, from right towards up: an edge's normal.
         half_px: reach of the measurement's window to either side of the edge; None if nothing is known of one.
         orientation: how the panel stood before the camera, as :func:`maskfab.base.model.orient` counts.
-
-    Raises:
-        JobError: MF112 for a line outside 200 to 2000 nm; MF115 for a band that takes too many lines.
     """
     frequency = frequency_cy_per_px
     longest = light.range_nm[1] if isinstance(light, Band) else light
@@ -264,7 +253,6 @@ class EdgeDesign:
     orientation: int = 0
 
     def along(self, frequency_cy_per_px: Floats, normal_deg: float, half_px: float | None) -> tuple[DesignedMtf, ...]:
-        """The designed MTFs, one for each light; see :func:`maskfab.camera.inspection.edge_mtf.designed_mtf`."""
         return tuple(
             designed_mtf(
                 self.panel, self.camera, light, frequency_cy_per_px, normal_deg, half_px=half_px,
@@ -279,8 +267,6 @@ class MeasuredEdge:
     """One measured edge, or a curve that was measured elsewhere.
 
     Attributes:
-        edge: its MTF.
-        designed: the die's, one for each light; none without a die.
         colour: of the pixels that saw it; ``-`` where they have none, or nothing tells.
     """
 
@@ -301,8 +287,6 @@ class MeasuredEdges:
 
     Attributes:
         edges: at least one, colour by colour from the top left on.
-        left_out: why other edges of the picture were not measured, one sentence each.
-        die: name of the one that they are held against.
     """
 
     edges: tuple[MeasuredEdge, ...]
@@ -330,13 +314,10 @@ def measured_edges(
     Args:
         values: linear light, float64 [rows, columns], row 0 the top, of any unit, black 0; of a mosaic the samples of
             one colour.
-        pixel_um: side of a sensor pixel; None where it is not known, for cycles per pixel alone.
-        colour: of the pixels.
         valid: which of them count; all that are finite if None.
         region: box of sensor pixels to look in; the whole picture if None.
         order: of the polynomial that an edge follows, 1 to 3; None lets the edge decide.
         window_px: largest reach to either side of an edge; less lets in less noise and fewer diffraction orders.
-        clipped_at: values from it on are clipped.
         seed: of the resamples that the bands come from.
 
     Raises:
@@ -479,13 +460,7 @@ def frame_edges(
     """Every edge of a frame, in each of its colours.
 
     Args:
-        frame: linear counts.
-        region: box of sensor pixels to look in; the whole frame if None.
         designs: for each colour of the frame, all of one die; None to hold nothing beside.
-
-    Raises:
-        SourceError: as :func:`maskfab.camera.inspection.edge_mtf.measured_edges`, if no colour has an edge that can be
-            measured.
     """
     edges: list[MeasuredEdge] = []
     left_out: list[str] = []

@@ -70,9 +70,7 @@ class FoundEdge:
 
     Attributes:
         direction: of the MTF that it gives, across the edge.
-        lines: first line, and the one after the last.
         offset, slope: place along line k in samples, offset + slope k.
-        reach: samples to either side of that place on every line.
     """
 
     direction: Direction
@@ -245,7 +243,6 @@ class EdgeLine:
     """The edge's place along every line across it, in samples, as a polynomial of the line's number.
 
     Attributes:
-        coefficients: of the powers of (line - middle) / half, from the zeroth on.
         middle, half: which map the lines to -1 to 1.
     """
 
@@ -306,14 +303,7 @@ def _huber(scaled: Floats, places: Floats, order: int) -> tuple[Floats, float]:
 
 
 def centroid_line(values: Floats, lines: Floats, first: Floats, order: Order | None) -> EdgeLine:
-    """The line through the centroids of the lines' derivatives, each within a Hann window about the last estimate.
-
-    Args:
-        values: float64 [n, samples]; nothing is missing.
-        lines: numbers of the lines, [n].
-        first: a first estimate of the places, [n].
-        order: of the polynomial, or None.
-    """
+    """The line through the centroids of the lines' derivatives, each within a Hann window about the last estimate."""
     derivative = np.diff(values, axis=1)
     between = np.arange(derivative.shape[1]) + 0.5
     step = float(np.median(abs(derivative.sum(axis=1))))

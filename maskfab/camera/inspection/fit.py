@@ -55,7 +55,6 @@ class Taken:
 
     Attributes:
         light: their signal, [rows, columns], in any one unit of light.
-        sigma: standard deviation of each, in the same unit.
         plane: that knows the noise of other light than was measured; None where sigma is the truth.
     """
 
@@ -100,12 +99,7 @@ class Taken:
 
 
 def taken_of(merged: Merged, pixel_um: float, middle: tuple[float, float]) -> tuple[Taken, ...]:
-    """Every colour of merged exposures, seen from a place among their pixels.
-
-    Args:
-        pixel_um: side of a pixel of the sensor, of whatever colour.
-        middle: row and column that is the origin.
-    """
+    """Every colour of merged exposures, seen from a place among their pixels."""
     taken = []
     for plane in merged.planes:
         rows, columns = plane.electrons_per_s.shape
@@ -173,9 +167,6 @@ class Fit:
     Attributes:
         covariance: of its values, float64 [n, n], for the noise alone.
         light: of every colour, in the unit of the signal: what a sensor without ends would take.
-        beneath: signal of every colour that is there without the light.
-        chi2: sum of squared residuals, each over its standard deviation.
-        freedom: pixels less all that was solved for.
         residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
         predicted: of every grid, in the unit of the signal.
         between: [n, n] what the scatter from exposure to exposure adds to the covariance; None where it is not known.
@@ -215,7 +206,6 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
     """The best setting that is downhill from a start; its terms are the start's.
 
     Args:
-        image: of the die, one way round; its pixels are those of ``taken``.
         start: with every term that is to be fit, 0 where nothing is known.
     """
     pictures = image.pictures(start)
@@ -313,12 +303,7 @@ def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The equations of a step: information about values once light and background are solved for.
-
-    Attributes:
-        gradient: [values] half of that of chi², downhill.
-        information: [values, values] Fisher's.
-    """
+    """The equations of a step, light and background solved for: half of chi²'s slope downhill, Fisher's information."""
 
     gradient: Floats
     information: Floats

@@ -62,11 +62,8 @@ class Identified:
     """The most likely die.
 
     Attributes:
-        best: the hypothesis.
-        fit: of it, to the pixels of one colour.
         ahead: of every other hypothesis, by how much its chi² is above the best one's, over the noise that the best
             fit leaves; ascending. Those that were not fitted whole are judged by the middle of the picture alone.
-        certain: whether none is nearer than :data:`CERTAIN`.
     """
 
     best: Hypothesis
@@ -94,8 +91,6 @@ def identified(
 
     Args:
         panels: of the dies that it may be, by name; those that are not square are tried as drawn and mirrored alone.
-        light: what each colour of pixels sees of a point light.
-        taken: what it took, the light near the middle of the pixels.
     """
 
     def seen(colour: str) -> float:
@@ -159,12 +154,8 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         # The root evens out the noise, so that the peak does not drown what tells dies apart.
         seen = np.sqrt(np.clip(np.where(capture.valid, capture.light, 0.0), 0, None))
         expected = np.sqrt(np.clip(picture, 0, None))
-        # The full cross-correlation has no move at [rows - 1, columns - 1].
-        rows, columns = (2 * length - 1 for length in seen.shape)
-        size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
-        mirrored = (expected - expected.mean())[::-1, ::-1]
-        product = scipy.fft.rfft2(seen - seen.mean(), size) * scipy.fft.rfft2(mirrored, size)
-        correlation = np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
+        # It has no move at [rows - 1, columns - 1].
+        correlation = scipy.signal.correlate(seen - seen.mean(), expected - expected.mean(), method="fft")
         y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
         step_x = float(capture.pixels.x_um[1] - capture.pixels.x_um[0])
         step_y = float(capture.pixels.y_um[1] - capture.pixels.y_um[0])
@@ -197,15 +188,7 @@ _TURNS, _ROUNDS, _SETTLED = 3, 4, 0.3
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """Where residuals would take the square of a light's width, um².
-
-    Attributes:
-        error: one standard error, inflated as the fit's.
-        gain: fall of chi² that it brings.
-        noise: chi² per pixel, 1 or more.
-        left_over: chi² beyond that of noise.
-        covariance: of the fit's values, the width not being known.
-    """
+    """Where residuals would take the square of a light's width, um²."""
 
     change: float
     error: float

@@ -57,6 +57,7 @@ _SPECKLES_PER_PANEL = 3.0
 _UNLIKE = 3.0
 """Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
 _NOTHING = Promise()
+_CHECK = "Check the camera and the light of the job, and that this is a point light behind its plate"
 _STRETCHED = 0.1
 """Change of scale from which camera or light are others than the job's."""
 
@@ -67,13 +68,9 @@ class Measured:
 
     Attributes:
         taken: their pixels about the light, with the noise that the fit expects.
-        identified: the die.
-        image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
-        bands: MTF of every grid of pixels.
         costs: of what is not as drawn; none where nothing can be told.
         if_numbers: numbers of the die and the lens that stand only if the model holds, where nothing can be told.
-        if_sentences: alike.
         mirrored: whether the plate stands the other way round than the job says.
     """
 
@@ -116,50 +113,22 @@ def measured(
 
     Args:
         merged: exposures, cropped about the light.
-        light: what each colour of pixels sees of the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
-        promise: how wide the job and its mask house say that features are.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
-        priced: whether what is not as drawn is priced by photographs.
 
     Raises:
         SourceError: MF334 if the light's centre is full in every exposure; MF339 if nothing in the picture is like any
             of the dies.
     """
-    check_centre(merged)
-    taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
-    identity = identified(panels, camera, light, taken, progress)
-    best = identity.best
-    if _unlike(identity.fit.setting, panels[best.die]):
-        there = _other_die(best.die, panels, others or {}, camera, light, taken, progress)
-        raise _none(identity.fit.setting, best.die, panels[best.die], there)
-    image = DieImage.of(panels[best.die], best.way_round, camera, light, [capture.pixels for capture in taken])
-    # Noise of the light that is expected: that of what was measured favours what came out dark.
-    taken = expecting(image, taken, identity.fit.setting)
-    # The die was told by one colour; light and background of the others are solved for where that one lies.
-    setting = identity.fit.setting
-    first = identity.fit if len(colours_of(taken)) == 1 else judged(taken, image.pictures(setting), setting)
-    told = explained(image, taken, first, progress)
-    fit = told.fit
-    if told.factor > _UNLIKE and not identity.certain:
-        what = (
-            f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
-            f"{told.factor:.1f} standard deviations"
-        )
-        cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
-        raise SourceError("MF339", what, cure=cure)
+    others = {name: panel for name, panel in (others or {}).items() if name not in panels}
+    identity, told = _explained(merged, panels, camera, light, others, progress)
+    best, fit = identity.best, told.fit
     mirrored = (best.way_round >= 4) != seen_mirrored
     width_um = panels[best.die].dot_nm * UM_PER_NM
-    cause = _cause(merged, told, best, panels, others or {}, progress)
+    cause = _cause(merged, told, {best.die: panels[best.die]}, others, progress)
     verdict = judged_die(identity, told, promise, cause=cause, mirrored=mirrored, width_um=width_um)
     findings = verdict.answer is not Answer.CANNOT_TELL
-    prices: list[Cost] = []
-    if findings and priced:
-        values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
-        seen = [
-            name for name, error in fit.errors.items() if name not in LAMP and abs(values[name]) > NORMAL_95 * error
-        ]
-        prices = costs(told.image, replace(fit.setting, lamp=None), seen, 4 if seen_mirrored else 0, sensor)
+    prices = _prices(told, 4 if seen_mirrored else 0, sensor) if findings and priced else []
     of_die = (*_quantities(best, fit, promise, width_um, decided=findings), *_priced(best, prices))
     seen_numbers = tuple(_seen_quantities(best, told, _outside(merged, told.image, fit.setting)))
     apart = max(abs(drift - 1) for drift in _drifts(merged, told.taken))
@@ -183,6 +152,45 @@ def measured(
     )
 
 
+def _explained(
+    merged: Merged,
+    panels: Mapping[str, Panel],
+    camera: Camera,
+    light: Mapping[str, Spectrum],
+    others: Mapping[str, Panel],
+    progress: Progress,
+) -> tuple[Identified, Explanation]:
+    """The die, and the frames as far as it explains them. Raises SourceError MF334 and MF339 as :func:`measured`."""
+    check_centre(merged)
+    taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
+    identity = identified(panels, camera, light, taken, progress)
+    setting, panel = identity.fit.setting, panels[identity.best.die]
+    if _unlike(setting, panel):
+        there = _other_die({identity.best.die: panel}, others, camera, light, taken, progress)
+        raise _none(setting, identity.best.die, panel, there)
+    image = DieImage.of(panel, identity.best.way_round, camera, light, [capture.pixels for capture in taken])
+    # Noise of the light that is expected: that of what was measured favours what came out dark.
+    taken = expecting(image, taken, setting)
+    # The die was told by one colour; light and background of the others are solved for where that one lies.
+    first = identity.fit if len(colours_of(taken)) == 1 else judged(taken, image.pictures(setting), setting)
+    told = explained(image, taken, first, progress)
+    if told.factor > _UNLIKE and not identity.certain:
+        what = (
+            f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
+            f"{told.factor:.1f} standard deviations"
+        )
+        raise SourceError("MF339", what, cure=_CHECK)
+    return identity, told
+
+
+def _prices(told: Explanation, drawn_way_round: int, sensor: Sensor) -> list[Cost]:
+    """Costs of what is above its error."""
+    fit = told.fit
+    values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
+    seen = [name for name, error in fit.errors.items() if name not in LAMP and abs(values[name]) > NORMAL_95 * error]
+    return costs(told.image, replace(fit.setting, lamp=None), seen, drawn_way_round, sensor)
+
+
 _SPILT_PX = 3
 _OFF_SCALE = 2e-3
 _MOST_DISAGREEING = 0.01
@@ -201,8 +209,7 @@ def _drifts(merged: Merged, taken: Sequence[Taken]) -> tuple[float, ...]:
 def _cause(
     merged: Merged,
     told: Explanation,
-    best: Hypothesis,
-    panels: Mapping[str, Panel],
+    asked: Mapping[str, Panel],
     others: Mapping[str, Panel],
     progress: Progress,
 ) -> Cause | None:
@@ -212,7 +219,7 @@ def _cause(
     if told.cause is not Cause.UNKNOWN:
         return told.cause
     fit, camera = told.fit, told.image.camera
-    if _other_die(best.die, panels, others, camera, told.image.light, told.taken, progress):
+    if _other_die(asked, others, camera, told.image.light, told.taken, progress):
         return Cause.DIE
     spilt = _spilt(merged, told.taken)
     if holds_most(fit, spilt) or _flat_topped(told):
@@ -231,8 +238,7 @@ def _flat_topped(told: Explanation) -> bool:
 
 
 def _other_die(
-    die: str,
-    panels: Mapping[str, Panel],
+    asked: Mapping[str, Panel],
     others: Mapping[str, Panel],
     camera: Camera,
     light: Mapping[str, Spectrum],
@@ -240,11 +246,10 @@ def _other_die(
     progress: Progress,
 ) -> str | None:
     """Another die of the plate that explains the frames far better than the one that was asked for."""
-    rest = {name: panel for name, panel in others.items() if name not in panels}
-    if not rest:
+    if not others:
         return None
-    found = identified({die: panels[die], **rest}, camera, light, taken, progress)
-    return found.best.die if found.certain and found.best.die != die else None
+    found = identified({**asked, **others}, camera, light, taken, progress)
+    return found.best.die if found.certain and found.best.die not in asked else None
 
 
 def _spilt(merged: Merged, taken: Sequence[Taken]) -> list[Mask]:
@@ -277,22 +282,14 @@ def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> Source
         f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
         f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, and a picture {setting.scale:+.0%} larger"
     )
-    cure = "Check the camera and the light of the job, and that this is a point light behind its plate"
-    return SourceError("MF339", what, cure=cure if there is None else f"This is die {there}: name it (--die {there})")
+    cure = _CHECK if there is None else f"This is die {there}: name it (--die {there})"
+    return SourceError("MF339", what, cure=cure)
 
 
 def light_of(
     colours: tuple[str, ...], camera: Camera, bands: tuple[Band, ...], half_um: float, line_nm: float | None = None
 ) -> dict[str, Spectrum]:
-    """Light that each colour of pixels sees, as lines.
-
-    Args:
-        colours, camera, bands, line_nm: as :func:`seen_light`.
-        half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
-
-    Raises:
-        JobError: as :func:`seen_light`.
-    """
+    """Light that each colour of pixels sees, as lines."""
     seen = seen_light(colours, camera, bands, line_nm)
     return {
         colour: _lines(light, camera, half_um)
@@ -308,7 +305,6 @@ def seen_light(
     """Light that each colour of pixels sees, a band or a line.
 
     Args:
-        colours: of the pixels, ``R G B`` or ``-``.
         camera: whose lines are red, green and blue where there are no bands.
         bands: of the job's scene, red, green and blue, or the one of a sensor without colours.
         line_nm: of a light of one line, whatever the pixel; None to take the job's.

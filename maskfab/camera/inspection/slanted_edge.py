@@ -78,10 +78,6 @@ class NormalSums:
     beside: Floats
     right: Floats
 
-    def __post_init__(self) -> None:
-        for name in ("knots_px", "diagonal", "beside", "right"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     @property
     def step_px(self) -> float:
         return float(self.knots_px[1] - self.knots_px[0])
@@ -104,7 +100,6 @@ def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: floa
     """Sums for samples of lines at distances from the edge, [lines, samples] each.
 
     Args:
-        values: of the samples.
         counts: which of them are used; those farther than ``half_px`` are not.
         half_px: a whole number of steps.
     """
@@ -173,12 +168,7 @@ _NORMAL = 8.0
 def mtf_with_band(
     sums: NormalSums, spread: Floats, frequency_cy_per_px: Floats, half_px: float, seed: int
 ) -> tuple[Floats, Floats, Floats]:
-    """MTF, and the ends of its pointwise band, [n] each.
-
-    Args:
-        spread: the edge spread at the knots, of all lines.
-        frequency_cy_per_px: 0 first.
-    """
+    """MTF, and the ends of its pointwise band, [n] each."""
     between = sums.knots_px[:-1] + sums.step_px / 2
     waves = np.exp(-2j * np.pi * frequency_cy_per_px[:, None] * between) * window(between, half_px)
     waves /= passed(frequency_cy_per_px, sums.step_px)[:, None]
@@ -232,21 +222,13 @@ _FIELD, _SURE = 0.5, 4.0
 
 
 def noise_about(sums: NormalSums, spread: Floats, distance_px: Floats, values: Floats, used: Mask) -> float:
-    """One robust standard deviation of samples about the edge spread.
-
-    Args:
-        distance_px, values, used: of the samples, [lines, samples].
-    """
+    """One robust standard deviation of samples about the edge spread."""
     rest = values[used] - np.interp(distance_px[used], sums.knots_px, spread)
     return SIGMA_OF_MAD * float(np.median(abs(rest)))
 
 
 def light_slope(sums: NormalSums, spread: Floats, distance_px: Floats, values: Floats, used: Mask) -> float:
-    """Share by which the light grows per pixel along the edge's normal; 0 where noise explains it.
-
-    Args:
-        distance_px, values, used: of the samples, [lines, samples]; black is 0.
-    """
+    """Share by which the light grows per pixel along the edge's normal; 0 where noise explains it."""
     half = float(sums.knots_px[-1])
     noise = noise_about(sums, spread, distance_px, values, used)
     slopes, effects, variance = [], [], 0.0
@@ -283,11 +265,7 @@ class EdgeMtf:
         direction: ``horizontal`` across an edge that is near upright, ``vertical`` across one that is near level.
         angle_deg: of the edge from the nearer axis, positive if it leans to the right, or falls to the right.
         normal_deg: direction of the waves, from the picture's x axis (right) towards its y axis (up).
-        region: what was looked at, in pixels of the sensor.
-        lines: number of lines across the edge.
-        order: of the polynomial that the edge follows.
         half_px: reach of the window to either side of the edge.
-        pixel_um: side of a sensor pixel; None where it is not known.
         frequency_cy_per_px: float64 [n], 0 first.
         mtf: float64 [n], noise's share subtracted.
         low, high: float64 [n], ends of the pointwise 95 % band.
@@ -371,9 +349,6 @@ def edge_mtf(
 
     Args:
         values: linear light, float64 [rows, columns], row 0 the top, of any unit; black is 0.
-        found: the edge, as :func:`maskfab.camera.inspection.edge_regions.found_edges` has it.
-        order: of the polynomial that the edge follows; None lets the centroids decide.
-        clipped_at: values from it on are clipped.
 
     Raises:
         SourceError: MF341 for an angle at which the lines meet the edge in too few places between pixels, MF342 for too

@@ -35,7 +35,6 @@ class Promise:
 
     Attributes:
         bias_um: by which clear features are wider than drawn, as [process] of the job states it.
-        shop: the house; None where the job names none.
         ordered_um: tolerance of widths that [order.cd] of the job states; None where it does not.
     """
 
@@ -58,9 +57,6 @@ class Promise:
         """Whether a bias with its interval lies within the tolerance; None where it may lie on either side.
 
         Without a tolerance that is whether the bias is what the job states, within an interval that is not vague.
-
-        Args:
-            width_um: of the narrowest features, for which a promise is strictest.
         """
         most = self.tolerance_um(width_um)
         if most is None:
@@ -91,12 +87,7 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Answer of a measurement.
-
-    Attributes:
-        cause: why nothing can be told; None of an answer.
-        factor: root of chi² per pixel; 1 is noise alone.
-    """
+    """Answer of a measurement."""
 
     answer: Answer
     reason: str
@@ -144,12 +135,7 @@ _WITHIN_NOISE = {
 def judged_die(
     found: Identified, told: Explanation, promise: Promise, *, cause: Cause | None, mirrored: bool, width_um: float
 ) -> Verdict:
-    """The verdict on a die.
-
-    Args:
-        cause: of what the explanation leaves, as far as it was found; None where it leaves noise.
-        width_um: of the die's narrowest features.
-    """
+    """The verdict on a die."""
 
     def untold(why: Cause | str, reason: str, next_step: str) -> Verdict:
         return Verdict(Answer.CANNOT_TELL, reason, str(why), told.factor, next_step)
@@ -205,7 +191,6 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
     """Sentences on what was found in the frames beside the die, whatever the verdict.
 
     Args:
-        told: the explanation of the frames.
         drift: of the exposure whose light differs most from what its time says.
     """
     best, sentences = found.best, []
@@ -244,12 +229,7 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
 
 
 def finding_sentences(told: Explanation, costs: Sequence[Cost], promise: Promise, line_nm: float) -> tuple[str, ...]:
-    """Sentences on width, photographs, lens and scale: findings where the frames are explained.
-
-    Args:
-        costs: of what is not as drawn; none where nothing is stated.
-        line_nm: wavelength in whose waves the lens's errors are told.
-    """
+    """Sentences on width, photographs, lens and scale: findings where the frames are explained."""
     fit = told.fit
     bias, half = fit.setting.bias_um, NORMAL_95 * fit.errors[BIAS]
     off = bias - promise.bias_um

@@ -64,7 +64,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
 from maskfab.camera.record import Record, Restorer, interpolated, sampled
 from maskfab.camera.restorers.dct import denoised
@@ -89,14 +88,10 @@ class Judge:
     """A part of a record for restorers, and the rest that judges their pictures of it; all are [3, rows, columns].
 
     Attributes:
-        shown: the inner part of y₁.
-        margin: of the whole record, mirrored at its edges.
         left: pixels at each edge that are not shown.
         inverse: G, at the margin's frequencies.
-        passed: A, at the same.
         pilot: p, of the whole record.
         evidence: G (y₂ - H p), of the whole record.
-        variance: of y₂, of the whole record.
     """
 
     shown: Record
@@ -137,9 +132,7 @@ class Judge:
         """A record of a scene that is known, as p, with the noise of another: its evidence is nothing but right.
 
         Args:
-            scene: light, [3, rows, columns].
             like: a record with that noise; full wells are not imagined.
-            width: as in :meth:`of`.
         """
         margin, left = _frame(scene.shape, width)
         transfer = blur.on(margin.shape)
@@ -218,13 +211,11 @@ class Chosen:
     """A restored photograph.
 
     Attributes:
-        name: of the restorer that has the largest share.
         picture: float32 [3, rows, columns] within 0 to 1.
         criteria: for every restorer, at the best of its strengths, the mean squared error where it was judged, of
             light or of code values, white is 1, less the same unknown number for all; empty where there was nothing to
             choose.
         expected: the same of the whole error, by the record and the imagined one, from which shares follow.
-        shares: of the picture, for every restorer that has one.
     """
 
     name: str
@@ -248,10 +239,8 @@ class Choice:
     """Restores every photograph by the best of several restorers.
 
     Attributes:
-        restorers: with names of their own; the first of equal ones wins.
         seed: of the noise that parts the record, and of the imagined record's.
         width: pixels by which the record is mirrored beyond its edges to judge.
-        steps: times the ε that is given, those that are tried.
         coded: errors are those of sRGB code values, as where light is coded before it is shown; otherwise of light.
     """
 
@@ -266,14 +255,7 @@ class Choice:
 
         Args:
             record: of at least 8 pixels along a side.
-
-        Raises:
-            JobError: MF105 without restorers, for two of one name, or one without an ε; MF121 for a smaller record.
         """
-        names = [restorer.name for restorer in self.restorers]
-        if not names or len(set(names)) < len(names) or not set(names) <= set(epsilons):
-            what = f"restorers {', '.join(names) or 'none'} with strengths for {', '.join(epsilons) or 'none'}"
-            raise JobError("MF105", what, where="restorers", cure="Name each restorer once, with a strength")
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
         shares, criteria, expected = {0: 1.0}, dict[str, float](), dict[str, float]()
         if len(tried) > 1:
@@ -328,7 +310,6 @@ def mixed(errors: Floats, apart: Floats, tried: Sequence[Tried]) -> dict[int, fl
     """Shares of the one picture, or of the two by different restorers, of which the mean's error is least.
 
     Args:
-        errors: of each that is tried, [n].
         apart: mean squares of the differences between their pictures, [n, n].
     """
     first = int(np.argmin(errors))
@@ -364,8 +345,6 @@ def expected_errors(told: Floats, noise: Floats, imagined: Floats, passed: Float
     Args:
         told: by the record of what is passed, less a number that is the same for all, [n].
         noise: covariance of these, [n, n].
-        imagined: errors of the imagined record, [n].
-        passed: what of these is passed, [n].
     """
     differ = np.eye(len(told))[:-1] - np.eye(len(told))[-1]
     before = np.diag(np.square(_SCATTER * imagined))
@@ -400,9 +379,6 @@ def restored(
         epsilon: strength of all; None for the one that the record speaks for.
         least: of the strengths to begin from, as a blur that may be another than is said leaves no smaller one.
         known: whether that is about the strength, so that none is looked for.
-
-    Raises:
-        JobError: MF105 without restorers, or for two of one name.
     """
     if epsilon is not None:
         return Choice(restorers, coded=True).restore(record, blur, {restorer.name: epsilon for restorer in restorers})

@@ -46,7 +46,6 @@ import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maskfab.base.arrays import Singles
-from maskfab.base.errors import JobError
 from maskfab.camera.imaging import MARGIN, Blur, Margin
 from maskfab.camera.record import MergedNoise, Noise, Record, Restorer, interpolated
 from maskfab.camera.restorers.least_squares import Gradient
@@ -119,7 +118,6 @@ class Dct:
     Attributes:
         then: that one. It is given a sixteenth of ε, for there is less noise left: with that, one grid of ε reaches the
             best picture with and without.
-        threshold: in standard deviations of the noise.
     """
 
     then: Restorer = field(default_factory=Wiener)
@@ -127,11 +125,9 @@ class Dct:
 
     @property
     def name(self) -> str:
-        """In tables and options."""
         return f"dct+{self.then.name}"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.record.Restorer`. Raises JobError MF121 for fewer than 8 pixels along a side."""
         calm = denoised(record, self.threshold)
         # A full well says only that there was more light; the neighbours' mean must not make it look measured.
         restored = self.then.prepare(replace(record, values=np.where(record.clipped, record.values, calm)), blur)
@@ -139,15 +135,7 @@ class Dct:
 
 
 def denoised(record: Record, threshold: float = THRESHOLD) -> Singles:
-    """Light [3, rows, columns] of a record, in units of white, with less noise; below 0 where the dark was.
-
-    Raises:
-        JobError: MF121 for fewer than 8 pixels along a side.
-    """
-    rows, columns = record.values.shape[1:]
-    if min(rows, columns) < WINDOW:
-        what = f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side"
-        raise JobError("MF121", what, cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more")
+    """Light [3, rows, columns] of a record, in units of white, with less noise; below 0 where the dark was."""
     white = np.ones((3, WINDOW, WINDOW), dtype=np.float32)
     stable = stabilised(record.values, record.noise)
     return unbiased(smoothed(stable, mosaic_noise() if record.interpolated else white, threshold), record.noise)
@@ -159,7 +147,6 @@ def smoothed(picture: Singles, variance: Singles, threshold: float = THRESHOLD) 
     Args:
         picture: red, green and blue, of 8 pixels or more along a side; the noise is as strong everywhere.
         variance: of every coefficient of a window in brightness and two opponent colours, [3, 8, 8].
-        threshold: of the first pass, in standard deviations.
     """
     opponents = np.tensordot(_OPPONENT, picture, axes=1)
     for colour, expected in zip(opponents, variance, strict=True):
@@ -191,13 +178,7 @@ def mosaic_noise() -> Singles:
 
 
 def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles, threshold: float) -> Singles:
-    """A noisy picture [rows, columns], less noisy.
-
-    Args:
-        picture: what is filtered.
-        guess: of it without noise, for the second pass; None for the first.
-        variance: of the noise in every coefficient of a window, [8, 8].
-    """
+    """A noisy picture [rows, columns], less noisy."""
     total, weights = np.zeros_like(picture), np.zeros_like(picture)
     for top in range(0, len(picture) - WINDOW + 1, _STRIP):
         strip = slice(top, top + _STRIP + WINDOW - 1)
@@ -259,8 +240,7 @@ class Published:
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
         """See :class:`maskfab.camera.record.Restorer`; as published, light above white is left."""
-        rows, columns = record.values.shape[1:]
-        margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
+        margin = Margin.around(record.values, self.width)
         calm = margin.dark(denoised(record))
         spectrum = np.asarray(scipy.fft.rfft2(calm, axes=(1, 2), workers=1))
         transfer = blur.on(margin.shape)

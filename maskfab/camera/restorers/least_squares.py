@@ -207,7 +207,6 @@ class Gradient:
     name: str = "gradient"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.record.Restorer`."""
         problem = Smooth.of(record, blur, self.width)
         return lambda epsilon: np.clip(on_sensor(problem.seen.margin, problem.solve(epsilon)), 0.0, 1.0)
 
@@ -219,7 +218,6 @@ class Smooth:
     Attributes:
         seen: all colours; clipped pixels weigh 0.
         mirrored: spectrum of the record mirrored at its edges, [3, rows, columns / 2 + 1] of the frame.
-        prior: (f / 0.1)² at the same frequencies.
     """
 
     seen: Seen
@@ -230,9 +228,7 @@ class Smooth:
     @classmethod
     def of(cls, record: Record, blur: Blur, width: int) -> Smooth:
         """A record with surroundings of a width in pixels."""
-        rows, columns = record.values.shape[1:]
-        margin = Margin((rows + 2 * width, columns + 2 * width), width)
-        clipped = record.clipped
+        margin, clipped = Margin.around(record.values, width), record.clipped
         seen = Seen(margin, blur.on(margin.shape), record.values, (~clipped).astype(np.float32))
         return cls(seen, clipped, margin.mirrored(record.values), prior(margin.shape))
 
@@ -276,7 +272,6 @@ class TotalVariation:
     name: str = "tv"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """See :class:`maskfab.camera.record.Restorer`."""
         problem = Smooth.of(record, blur, self.width)
         start = problem.solve(START)
         shown = np.minimum(record.values, 1)  # of merged exposures highlights have most of the noise
@@ -295,14 +290,7 @@ RESTORERS = (Gradient(), TotalVariation())
 
 
 def _few_edges(problem: Smooth, scene: Spectrum, penalty: float, stiffness: float, still: float) -> Singles:
-    """The scene of least total variation on the sensor, by alternating directions.
-
-    Args:
-        scene: spectrum to start from, [3, rows, columns / 2 + 1] of the frame.
-        penalty: μ.
-        stiffness: of the constraint on gradients.
-        still: root mean square, in units of white, of a step that is the last.
-    """
+    """The scene of least total variation on the sensor, by alternating directions."""
     seen, clipped = problem.seen, problem.clipped
     margin, transfer = seen.margin, seen.transfer
     y, x = scipy.fft.fftfreq(margin.shape[0])[:, None], scipy.fft.rfftfreq(margin.shape[1])

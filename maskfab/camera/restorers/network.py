@@ -155,16 +155,13 @@ class Learned:
     name: str = "learned"
 
     def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
-        """As every restorer, :meth:`maskfab.camera.record.Restorer.prepare`; ε changes nothing, for the
-        strength of the prior was learned."""
         picture = self.restored(self.view.planes(record, blur), blur)
         return lambda _: picture
 
     def restored(self, planes: Singles, blur: Blur) -> Singles:
         """Light of what is shown of a record, float32 [3, rows, columns] within 0 to 1."""
         before, mended = light_of(planes[:COLOURS]), self.mended(planes)
-        rows, columns = mended.shape[1:]
-        margin = Margin((rows + 2 * _AROUND, columns + 2 * _AROUND), _AROUND)
+        margin = Margin.around(mended, _AROUND)
         passed = np.square(abs(blur.on(margin.shape)))
         change = margin.blurred(margin.mirrored(before - mended), passed / (passed + np.float32(_TRUST)))
         return np.asarray(np.clip(mended + change, 0, 1))

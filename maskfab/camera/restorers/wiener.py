@@ -37,12 +37,7 @@ def wiener(transfer: Transfer, inverse_prior: Singles, epsilon: float) -> Transf
 
 
 def restore(mirrored: NDArray[np.complex64], filtered: Transfer, margin: Margin) -> Singles:
-    """The restored picture on the sensor, [3, rows, columns] within 0 to 1.
-
-    Args:
-        mirrored: of :meth:`Margin.mirrored`.
-        filtered: G of :func:`wiener`, [3, rows, half].
-    """
+    """The restored picture on the sensor, [3, rows, columns] within 0 to 1."""
     return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
 
 
@@ -51,7 +46,6 @@ class Ready:
     """A record that is transformed, for every strength; colour by colour, so that a large picture takes a third.
 
     Attributes:
-        margin: by which the record is mirrored.
         spectra: mirrored, of every colour; None where they are made again.
     """
 
@@ -61,7 +55,6 @@ class Ready:
     spectra: tuple[NDArray[np.complex64], ...] | None
 
     def __call__(self, epsilon: float) -> Singles:
-        """The restored picture, see :class:`maskfab.camera.record.Restorer`."""
         picture = np.empty_like(self.record)
         for colour, (spectrum, filtered) in enumerate(self._filtered(epsilon)):
             picture[colour] = restore(spectrum, filtered, self.margin)[0]
@@ -96,7 +89,6 @@ class Wiener:
     name: str = "wiener"
 
     def prepare(self, record: Record, blur: Blur) -> Ready:
-        """See :class:`maskfab.camera.record.Restorer`."""
         margin = Margin.around(record.values, self.width)
         colours = (record.values[colour : colour + 1] for colour in range(len(record.values)))
         spectra = None if margin.large else tuple(map(margin.mirrored, colours))
