@@ -576,13 +576,10 @@ def test_a_damaged_annealing_is_not_taken_up(change: dict[str, object]) -> None:
     refused("MF105", lambda: State.of(plain))
 
 
-@pytest.mark.parametrize("straight_through", [False, True])
-def test_a_descent_in_portions_is_one_descent(tmp_path: Path, straight_through: bool) -> None:
+def test_a_descent_in_portions_is_one_descent(tmp_path: Path) -> None:
     """With photographs in batches, several starts and momentum: everything that a step depends on is kept."""
     goal = Weighted(((1.0, residual()), (0.5, invertibility_of(small_stop(precision="float32")))))
-    how = Descent(
-        dots=7, clear_dots=10, iterations=9, starts=2, judged_every=2, straight_through=straight_through, seed=5
-    )
+    how = Descent(dots=7, clear_dots=10, iterations=9, starts=2, judged_every=2, seed=5)
     penalty = AreaPenalty(10 / 49, 20.0)
     whole = descend(goal, penalty, how)
     path = tmp_path / "state.npz"
