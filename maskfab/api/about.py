@@ -55,13 +55,17 @@ class Answer(Result):
 
 @checked_arguments
 def explain(
-    code: Annotated[str | None, "CODE|KEY"] = None, *, schema: Literal["job", "report", "check", "advice"] | None = None
+    code: Annotated[str | None, "CODE|KEY"] = None,
+    *,
+    schema: Literal["job", "report", "check", "advice"] | None = None,
+    source: bool = False,
 ) -> Answer:
     """Explain an error code (example, usual cause, cure), a key of a job (form, default) or a number (what finds it).
 
     Examples:
         $ maskfab explain MF106
         $ maskfab explain camera.stop
+        $ maskfab explain mtf50 --source
         $ maskfab explain --schema job > job.schema.json
         >>> import maskfab as mf
         >>> print(mf.explain("MF111").text.splitlines()[0])
@@ -72,9 +76,10 @@ def explain(
             quantity such as ``"mtf50"``; left out, all codes are listed.
         schema: print the JSON Schema (draft 2020-12) of a job file, of report.json, of maskfab check --json or of
             advice.json.
+        source: tell of a quantity or a code which functions make it, by which formula, and which tests guard them.
 
     Raises:
-        JobError: MF105 for what is neither, or both.
+        JobError: MF105 for what is neither, or both, and for the source of a key.
     """
 
     if schema is not None:
@@ -86,6 +91,8 @@ def explain(
         groups = error_codes.grouped()
         lists = ("\n".join([heading, *(f"  {e}  {CATALOGUE[e]}" for e in codes)]) for heading, codes in groups.items())
         return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
+    if source:
+        return _source_of(code.strip())
     if not _CODE.match(code):
         return _of_keys(code)
     entry = error_codes.explained(code)
@@ -133,6 +140,31 @@ def _of_quantity(name: str) -> Answer | None:
     body = _parts(*parts, ("Found by", "\n".join(sources)))
     document = {"quantity": name, **asdict(entry), "limit": limit or None, "found_by": sources}
     return Answer(f"{name}  {entry.title}\n\n{body}", document)
+
+
+def _source_of(name: str) -> Answer:
+    """Functions that give a quantity or raise a code, each with its formula and the tests that guard it."""
+    from maskfab.base.makers import guards, makers
+    from maskfab.base.quantities import registered
+
+    if name.upper() in CATALOGUE:
+        name = name.upper()
+        title, family = CATALOGUE[name], name
+    else:
+        try:
+            entry = registered(name)
+        except InternalError:
+            cure = "Name a quantity of numbers.csv, such as mtf50, or a code such as MF106"
+            raise JobError("MF105", f"{name} is no quantity and no code", where="source", cure=cure) from None
+        title, family = entry.title, entry.name
+    found = [(maker, guards(name, maker)) for maker in makers(name, family)]
+    none = ("none is installed here",)
+    told = [
+        "\n".join([f"{maker.function}  {maker.place}", textwrap.indent(maker.formula, "    "), *(tests or none)])
+        for maker, tests in found
+    ]
+    document = {"name": name, "title": title, "makers": [{**asdict(maker), "tests": tests} for maker, tests in found]}
+    return Answer("\n\n".join([f"{name}  {title}", *told]), document)
 
 
 def _of_keys(path: str) -> Answer:
