@@ -26,9 +26,7 @@ def test_a_member_of_a_family_is_found_by_its_form() -> None:
     [
         ("open_ratio", "findings"),
         ("halo_energy", "optics"),
-        ("side_lobe_distance", "optics"),
         ("border_delta_e_step", "display"),
-        ("led_footprint", "display"),
         ("restored_psnr", "findings"),
         ("judged_die", "mask"),
     ],
