@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from optics_cases import camera, clear_region, noise, panel, pupil
 from sweeps import examples
 
-from maskfab.base.model import Opening, Panel, Tiling, orient
+from maskfab.base.model import Panel, orient
 from maskfab.job.camera import Stop
 from maskfab.mask.raster import coverage
 from maskfab.optics.field.matrix import direct_field, parity_field
 from maskfab.optics.field.polygons import boundary
 from maskfab.optics.lags import lag_table
 from maskfab.optics.mtf import presampled_mtf
-from maskfab.optics.psf import image_scale_um2, point_psf
-from maskfab.optics.pupil import Aperture, Pupil, covered_aperture, cut, panel_aperture
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import Aperture, covered_aperture, cut, panel_aperture
 from maskfab.optics.stop_edges import edges_in_stop
 
 masks = st.builds(noise, dots=st.integers(1, 7), share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
@@ -141,26 +141,6 @@ def test_turning_the_mask_turns_the_psf_and_permutes_the_cuts(k: int) -> None:
     np.testing.assert_allclose(other["horizontal"], cuts[expected], atol=bar)
 
 
-def test_babinet() -> None:
-    """A mask and its complement have fields that add up to the open stop's."""
-    mask = noise(6, 0.4, 3)
-    stop = Stop("circle", 150.0)
-    u = np.linspace(0.0, 0.03, 21)
-    fields = [direct_field(pupil(panel(m, cells=4), stop), u, u) for m in (mask, ~mask, np.ones_like(mask))]
-    assert np.linalg.norm(fields[0] + fields[1] - fields[2]) < 1e-12 * np.linalg.norm(fields[2])
-
-
-def test_partial_transmission_is_linear() -> None:
-    laid_out = panel(noise(6, 0.4, 3), cells=4)
-    stop = Stop("circle", 150.0)
-    aperture = panel_aperture(laid_out)
-    u = np.linspace(0.0, 0.03, 21)
-    for share in (0.5, 1e-300):
-        dimmed = Aperture(aperture.x, aperture.y, share * aperture.transmission, np.zeros_like(aperture.variance))
-        ratio = direct_field(cut(dimmed, stop), u, u) / direct_field(cut(aperture, stop), u, u)
-        np.testing.assert_allclose(ratio, share, rtol=1e-9)
-
-
 def test_half_covered_dots_keep_energy_and_volume() -> None:
     """A grid that misses the edges: energy stays that of the binary mask, and the error bar grows to say so."""
     laid_out = panel(noise(6, 0.4, 3), cells=4)
@@ -176,44 +156,6 @@ def test_half_covered_dots_keep_energy_and_volume() -> None:
     inside &= db.Region(db.Box(-96_000, -96_000, 96_000, 96_000))
     assert grey.energy_um2 == pytest.approx(inside.area() / 1e6, rel=1e-12)
     assert lag_table(grey).uncertainty > 1e-2 > lag_table(exact).uncertainty
-
-
-def test_psf_does_not_move_with_the_polygons() -> None:
-    laid_out = panel(noise(6, 0.4, 3), cells=4)
-    stop = Stop("circle", 150.0)
-    region = clear_region(laid_out)
-    here, area = edges_in_stop(region, stop, (0.0, 0.0))
-    there, moved_area = edges_in_stop(region.moved(123_457, -9_999), stop, (123_457.0, -9_999.0))
-    assert area == moved_area
-    fields = [boundary(edges, area, 0.02).field(1e-3, 21) for edges in (here, there)]
-    assert np.linalg.norm(fields[0] - fields[1]) < 1e-9 * np.linalg.norm(fields[0])
-
-
-@pytest.mark.parametrize("share", [0.02, 0.98])
-def test_extreme_open_ratios(share: float) -> None:
-    mask = np.zeros((10, 10), dtype=np.bool_)
-    mask.ravel()[: round(100 * share)] = True
-    source = pupil(
-        Panel(Opening("x", mask, 8000), 8000, 0, np.zeros((6, 6)), Tiling.PERIODIC, None), Stop("square", 480.0)
-    )
-    assert source.energy_um2 / 480.0**2 == pytest.approx(share, rel=1e-12)
-    assert lag_table(source).volume_um2 == pytest.approx(source.energy_um2, rel=1e-9)
-
-
-def test_stop_of_one_dot_and_single_open_dot() -> None:
-    """A stop inside one dot is an open stop."""
-    source = pupil(panel(np.ones((3, 3), dtype=np.bool_), cells=1), Stop("circle", 6.0))
-    assert isinstance(source, Pupil)
-    assert source.energy_um2 == pytest.approx(np.pi * 9, rel=1e-9)
-
-
-@pytest.mark.parametrize("wavelength", [200.0, 2000.0])
-def test_limits_of_wavelength(wavelength: float) -> None:
-    setting = camera(400.0, wavelengths=(wavelength,), window_um=64.0)
-    found = point_psf(pupil(panel(noise(6, 0.4, 3), cells=10), setting.stop), setting, wavelength)
-    assert np.isfinite(found.values).all()
-    assert 0 < found.energy_in_window <= 1
-    assert found.step_um <= image_scale_um2(setting, wavelength) / 800.0
 
 
 def test_a_stop_that_ends_on_a_cell_keeps_the_lattice_symmetric() -> None:
