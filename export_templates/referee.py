@@ -1146,8 +1146,9 @@ class Marks:
         self.version, self.digest = version, digest
         thickness = source.get("thickness")
         size = [self.blank, self.blank] + ([nm(thickness)] if thickness else [])
+        titled = [(k, plate[k]) for k in ("serial",) if k in plate]
         self.lines = [
-            f"maskfab {version} | job {digest[:16]}",
+            f"maskfab {version} | job {digest[:16]}" + "".join(f" | {k} {v}" for k, v in titled),
             f"digitized data = {tone} | right reading, chrome {side} | "
             + " x ".join(number(Fraction(s, MM)) for s in size)
             + " mm",

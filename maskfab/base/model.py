@@ -472,7 +472,7 @@ class Snapping:
 class Plate:
     """A photomask: blank, dies, marks, and the gauges at which its CDs are measured. Origin: the blank's centre.
 
-    ``snapped`` is None where the grid of its data is 1 nm.
+    ``snapped`` is None where the grid of its data is 1 nm; ``texts`` stand in the title after its maker, by key.
     """
 
     name: str
@@ -484,6 +484,7 @@ class Plate:
     gauges: tuple[Gauge, ...]
     notes: tuple[Note, ...]
     snapped: Snapping | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require.instance(self, "name", str)

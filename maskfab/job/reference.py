@@ -27,7 +27,7 @@ from pydantic import TypeAdapter
 
 from maskfab.base.errors import JobError
 from maskfab.job import camera, die, order, process, sections
-from maskfab.job.sections import AssumedPlate, JobSpec
+from maskfab.job.sections import IN_TITLE, AssumedPlate, JobSpec
 from maskfab.job.values import AnySection, Section, Stated, key_of, sections_of, values_of
 
 Keys = tuple[str, ...]
@@ -44,7 +44,12 @@ _NAMES: Keys = ("job", "die.name", "die.label")
 _LENS = _of("camera", "focal stop wavelengths pixel")
 _CAMERA: Keys = (*_LENS, "camera.window")
 _DIES: Keys = ("die", "plate.die_size")
-_LAYOUT: Keys = (*_DIES, *_of("plate", "template blank writable die_pitch columns"), "export.grid")
+_LAYOUT: Keys = (
+    *_DIES,
+    *_of("plate", "template blank writable die_pitch columns"),
+    *_of("plate", " ".join(IN_TITLE)),
+    "export.grid",
+)
 _BLANK = _of("plate", "optical_density film_phase glass")
 _FIT: Keys = ("emitters", "circuits", "looks", *_of("wires", "line space clearance lines transparent"))
 _PLACES = _of("scene", "accuracy depth focus field gap aberrations")

@@ -81,6 +81,17 @@ class PlateSection(MaskBlank):
     """Distance between the centres of neighbouring dies."""
     columns: Annotated[int, Field(ge=1, le=100)]
     """Dies in a row."""
+    serial: Annotated[DrawnText, Field(min_length=1, max_length=24)] | None = None
+    """Serial number of the plate, drawn in its title and told by its report."""
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Texts of the title after its maker, by key."""
+        return {key: text for key in IN_TITLE if (text := getattr(self, key)) is not None}
+
+
+IN_TITLE = ("serial",)
+"""Keys of [plate] whose text is drawn in the title, behind the key, and told by the report."""
 
 
 class AssumedPlate(PlateSection):

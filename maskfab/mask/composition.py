@@ -296,12 +296,16 @@ _CD_MULTIPLES = (1, 2, 5)
 _CD_LENGTH_NM = 500_000
 
 
+def _maker_line(setting: of_marks.Setting) -> str:
+    return " | ".join((maker(setting.signature), *setting.texts))
+
+
 def plain_marks(setting: of_marks.Setting) -> of_marks.DrawnMarks:
     """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
     written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
     places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
-    lines = (f"{maker(setting.signature)} | digitized data = {setting.tone}",)
+    lines = (f"{_maker_line(setting)} | digitized data = {setting.tone}",)
     room_nm = setting.writable_nm - 4 * MARGIN_NM
     anchor = (0, corner - TITLE_HEIGHT_NM // 2)
     bars = of_marks.cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
@@ -367,7 +371,7 @@ def _draw(
             # Tone and parity in the words of mask houses, and the blank.
             side, thickness = (value * NM_PER_UM / NM_PER_MM for value in (template.blank, template.thickness))
             reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
-            lines = (maker(setting.signature), f"{reading} | {side:g} x {side:g} x {thickness:g} mm")
+            lines = (_maker_line(setting), f"{reading} | {side:g} x {side:g} x {thickness:g} mm")
             height, small, room_nm = to_nm(mark.height), to_nm(mark.small), _for_text(mark)
             drawn = title_block(name, setting.title, lines, (x, y1 - height), height, small, room_nm)
         case of_marks.CodeSection():
@@ -479,6 +483,7 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     )
     setting = of_marks.Setting(
         title=heading.title,
+        texts=tuple(f"{key} {text}" for key, text in section.texts.items()),
         signature=signature,
         digest=provenance.job_hash(spec.drawn()),
         blank_nm=blank_nm,
@@ -493,7 +498,17 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     check_clearances(dies, drawn.marks, writable_nm, where=f"{where}: plate")
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
-    plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.marks, drawn.gauges, (note,))
+    plate = Plate(
+        heading.name,
+        heading.title,
+        blank_nm,
+        writable_nm,
+        dies,
+        drawn.marks,
+        drawn.gauges,
+        (note,),
+        texts=section.texts,
+    )
     plate = mirrored(plate) if spec.mirrored else plate
     grid_um = None if spec.export is None else spec.export.grid
     if grid_um is None:

@@ -35,12 +35,14 @@ class Setting:
     """A plate before its marks.
 
     Attributes:
+        texts: of the title after its maker.
         signature: who made it from what.
         feature_nm: the smallest feature, of which test figures are multiples.
         chrome: side from which the plate reads right, marks included.
     """
 
     title: str
+    texts: tuple[str, ...]
     signature: str
     digest: str
     blank_nm: int

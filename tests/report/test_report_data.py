@@ -108,6 +108,13 @@ def test_equal_documents_give_equal_text_that_reads_back_exactly(run, document):
     assert json.loads(report_text(document)) == document
 
 
+def test_texts_of_the_title_are_told(run):
+    plate = replace(run.plate, texts={"serial": "A-017"})
+    told = to_document(run.report, plate, run.camera)
+    assert told["texts"] == {"serial": "A-017"}
+    Draft202012Validator(schema()).validate(told)
+
+
 def test_runs_that_took_different_times_have_equal_reports(run, document):
     assert to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera) == document
 

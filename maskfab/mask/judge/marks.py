@@ -216,7 +216,7 @@ def asked_marks(
     feature = min(_LARGEST_FEATURE, *(die.narrowest for die in dies))
     drawn: list[Mark | Line | Code] = []
     tone = "dark" if held.dark else "clear"
-    maker = f"maskfab {version} | job {held.digest[:16]}"
+    maker = f"maskfab {version} | job {held.digest[:16]}" + (f" | serial {plate.serial}" if plate.serial else "")
     if plate.template is None:
         assert plate.writable is not None
         assert plate.blank is not None

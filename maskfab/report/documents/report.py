@@ -254,6 +254,7 @@ class ReportPart(Part):
     provenance: str = optional("file that tells which findings earlier runs had kept")
     verdict: Literal["pass", "fail"] = written("whether no check failed")
     verdicts: _Verdicts = written()
+    texts: dict[str, str] = optional("of the plate's title after its maker, by their keys in [plate]")
     seeds: dict[str, int] = written()
     camera: _Camera
     process: _Process = optional("of the mask writer, as stated: numbers as written are of it, and bands about it")
@@ -317,6 +318,7 @@ def to_document(
         provenance=TIMES,
         verdict="pass" if report.passed else "fail",
         verdicts=Verdicts.of(report.checks, displays, len(plate.dies), reference).to_dict(),
+        texts=dict(plate.texts) or None,
         seeds=dict(report.seeds),
         camera=_Camera.document(camera, stop={**_Stop.document(camera.stop), **stop_facts(camera.stop)}),
         process=None if process is None else asdict(process),

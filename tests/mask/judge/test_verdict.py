@@ -15,7 +15,7 @@ from maskfab.base import provenance
 from maskfab.base.model import CLEAR, Die, Mark
 from maskfab.base.work import silent
 from maskfab.job.order import OrderSection
-from maskfab.job.sections import JobSpec
+from maskfab.job.sections import JobSpec, PlateSection
 from maskfab.mask import figures, opening_file, panels
 from maskfab.mask import layout as plate_layout
 from maskfab.mask.comparison import roundtrip
@@ -61,6 +61,16 @@ def test_plates_as_asked_for_pass_however_they_are_drawn(kind):
     assert faults(rows) == {}
     assert [row.name for row in rows] == ["judged_die"] * len(job.spec.die) + ["judged_marks", "judged_text"]
     assert all(row.limit == 0 for row in rows)
+
+
+@pytest.mark.parametrize("blank", [PLAIN, 'template = "5in"'])
+def test_texts_of_the_title_are_judged(blank, monkeypatch):
+    job = asked_job(plate=f'{blank}\nserial = "A-017"')
+    assert job.plate().texts == {"serial": "A-017"}
+    assert faults(opinion(job)) == {}
+    for wrong in ({}, {"serial": "A-011"}):
+        monkeypatch.setattr(PlateSection, "texts", wrong)
+        assert list(faults(opinion(job))) == [("judged_text", None)]
 
 
 OF_FILES = {"judged_die", "judged_marks", "judged_text"}

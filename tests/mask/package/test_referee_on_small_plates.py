@@ -12,7 +12,7 @@ import pytest
 from klayout import db
 
 from maskfab.base import __version__, resources
-from maskfab.job.sections import JobSpec
+from maskfab.job.sections import JobSpec, PlateSection
 from maskfab.job.shop import dump_shop
 from maskfab.mask.houses.adaptation import fitted
 from maskfab.mask.houses.files import files_for_shop
@@ -138,6 +138,14 @@ def test_flat_and_merged_files_are_taken_and_judged_alike(tmp_path, order, merge
 @pytest.mark.parametrize("order", ['tone = "dark"', BIAS.format(400)])
 def test_plates_without_a_template_are_taken(tmp_path, order):
     assert wrong(*made(written(tmp_path, PLAIN, order, plate='blank = "5 in"\nwritable = "100 mm"'))) == []
+
+
+@pytest.mark.parametrize("plate", ['template = "5in"', 'blank = "5 in"\nwritable = "100 mm"'])
+def test_a_serial_number_is_read_in_the_title(tmp_path, monkeypatch, plate):
+    path = written(tmp_path, PLAIN[:1], plate=f'{plate}\nserial = "A-017"')
+    assert wrong(*made(path)) == []
+    monkeypatch.setattr(PlateSection, "texts", {"serial": "A-011"})
+    assert wrong(*made(path)) != []
 
 
 @pytest.mark.parametrize("tone", ["clear", "dark"])
