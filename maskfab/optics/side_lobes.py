@@ -202,7 +202,7 @@ def _ascended(series: Floats) -> tuple[float, float, float]:
     Newton's steps along the axes of curvature, uphill where that is not downward, none longer than keeps other lobes
     out of sight: a ridge is followed as far as it rises.
     """
-    place, reach = np.zeros(2), _FIRST_REACH / _SQUARE
+    place, reach, least = np.zeros(2), _FIRST_REACH / _SQUARE, np.finfo(np.float64).eps * float(abs(series).max())
     slopes = [chebder(series, axis=axis) for axis in (1, 0)]
     bends = [chebder(slopes[0], axis=1), chebder(slopes[0], axis=0), chebder(slopes[1], axis=0)]
     for _ in range(_NEWTON):
@@ -213,7 +213,8 @@ def _ascended(series: Floats) -> tuple[float, float, float]:
         step = axes @ np.clip(uphill / np.maximum(abs(curvatures), 1e-300), -reach, reach)
         moved = np.clip(place + step, -1, 1) - place
         place = place + moved
-        if abs(moved).max() < _PLACE_ERROR / 100:
+        # Along a ring that is level to rounding no step ends by itself.
+        if abs(moved).max() < _PLACE_ERROR / 100 or uphill @ axes.T @ step < least:
             break
     return float(place[0]), float(place[1]), float(chebval2d(place[0], place[1], series.T))
 

@@ -254,12 +254,12 @@ def drawn(draw: st.DrawFn, effects: int) -> Case:
 
 
 @given(st.integers(0, 3).flatmap(drawn), st.booleans(), st.sampled_from((0.0, 1000.0)))
-@examples(60)
+@examples(40)
 def test_a_looser_accuracy_is_not_refused_where_a_tighter_one_is_met_and_costs_no_more(
     each: Case, colours: bool, field_um: float
 ) -> None:
     scene, spent = replace(each.scene, bands=RGB if colours else (), field_um=field_um), math.inf
-    for accuracy in (1e-6, 1e-4, 1e-3, 1e-2, 0.05, 0.2, 0.6):
+    for accuracy in (1e-6, 1e-3, 1e-2, 0.2):
         try:
             seconds = plan(each.panel, each.camera, scene, accuracy).price.seconds
         except JobError:
