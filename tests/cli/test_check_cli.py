@@ -204,7 +204,7 @@ def test_a_sheet_without_pixels_has_nothing_to_check(capsys, tmp_path):
 
 def test_emitters_that_came_with_the_opening_are_measured(capsys, tmp_path):
     job = display(tmp_path, gap_to_opening='"0 um"', colour_gap='"2 um"', min_width='"2 um"')
-    assert command(capsys, "shape", "rgb-stripe", "--out", tmp_path / "ring.toml", "--force").code == 0
+    assert command(capsys, "new", tmp_path / "ring.toml", "--shape", "rgb-stripe", "--force").code == 0
     text = job.read_text(encoding="utf-8").replace('dot = "8 um"', 'dot = "2 um"')
     text = text.replace('pitch = "64 um"\ngutter = "8 um"', 'pitch = "84 um"').replace('"56 um"', '"84 um"')
     job.write_text(text, encoding="utf-8")

@@ -24,6 +24,8 @@ from maskfab.job.camera import Camera, Stop
 pytestmark = pytest.mark.usefixtures("read_here")
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (530.0,), 2.0, 64.0)
+SMALL_STOP = Camera(5000.0, Stop("circle", 100.0), (530.0,), 2.0, 64.0)
+"""For edges that lie on no grid, whose MTF takes most of the time."""
 OF_BOTH = ("stop_open_ratio", "auc_radial_min", "mtf50", "mtf30", "mtf10", "psf_energy_in_window", "peak_strehl")
 
 
@@ -252,7 +254,7 @@ def strehl_of_a_clear_square(folder: Path, diameter_um: float) -> tuple[float, f
     return found["peak_strehl"], found["strehl_invariant_error"]
 
 
-@pytest.mark.parametrize("diameter_um", [900.0, 1500.0, 777.7])
+@pytest.mark.parametrize("diameter_um", [900.0, 777.7])
 def test_nothing_in_the_way_is_a_peak_strehl_of_one_whatever_the_dots_at_the_rim(tmp_path, diameter_um):
     assert strehl_of_a_clear_square(tmp_path, diameter_um) == pytest.approx((1, 0), abs=1e-8)
 
@@ -316,20 +318,21 @@ def test_masks_that_would_take_minutes_are_refused_by_a_forecast(tmp_path, monke
         assert refused.value.cure
 
 
-def test_overlapping_polygons_are_merged_along_either_axis(tmp_path):
+def test_overlapping_polygons_are_merged_along_either_axis(tmp_path, monkeypatch):
     """Teeth that stand, which a sweep meets at once, and teeth that lie."""
+    monkeypatch.setattr("maskfab.findings.analysis._FINEST_GRID", 600)  # quicker
     teeth = [box(4_003 * k, 1_777 * (k % 5), 4_003 * k + 5_000, 90_001) for k in range(22)]
     standing = drawn(tmp_path / "standing.gds", teeth)
     lying = drawn(tmp_path / "lying.gds", [[(y, x) for x, y in corners] for corners in teeth])
-    stands, lies = numbers(standing), numbers(lying)
+    stands, lies = (numbers(path, camera=SMALL_STOP) for path in (standing, lying))
     for name in ("stop_open_ratio", "auc_radial_min", "mtf50"):
         assert stands[name] == pytest.approx(lies[name], rel=1e-9), name
 
 
 def test_a_coarser_grid_makes_the_error_grow(tmp_path):
-    rows = [(20_003 * k + 17, 20_003 * k + 11_118) for k in range(20)]
+    rows = [(20_003 * k + 17, 20_003 * k + 11_118) for k in range(5)]
     path = drawn(tmp_path / "odd.gds", [box(x0, y0, x1, y1) for x0, x1 in rows for y0, y1 in rows])
-    errors = [numbers(path, dot_um=dot)["readback_psf_difference"] for dot in (4.0, 2.0, 1.0)]
+    errors = [numbers(path, camera=SMALL_STOP, dot_um=dot)["readback_psf_difference"] for dot in (4.0, 2.0, 1.0)]
     assert errors[0] > 1.5 * errors[1] > 2 * errors[2] > 0
     assert errors[0] > 1e-3
 

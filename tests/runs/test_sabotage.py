@@ -72,10 +72,6 @@ def with_property(value):
     return lambda _: property(lambda spec: value)
 
 
-def half_again(number):
-    return 1.5 * number if isinstance(number, float) else number
-
-
 FAULTS = {
     "one module of the code": ("maskfab.mask.marks.modules", flipped(1), ""),
     "three modules": ("maskfab.mask.marks.modules", flipped(3), ""),
@@ -116,10 +112,6 @@ FAULTS = {
     "a check has no verdict": (
         "maskfab.runs.result.die_quantities",
         after(lambda rows: tuple(replace(row, passed=None, limit=None) for row in rows)), "",
-    ),
-    "numbers of the table": ("maskfab.report.documents.numbers._cell", lambda true: lambda v: true(half_again(v)), ""),
-    "numbers of the page": (
-        "maskfab.report.pages.template.told", lambda true: lambda v, *rest: true(half_again(v), *rest), ""
     ),
 }  # fmt: skip
 OFTEN = {"three modules", "a further line in the title", "parity of the job", "user unit of GDSII", "the job's copy"}
