@@ -268,14 +268,14 @@ OTHER = {
     ids=["layer", "unit", "far"],
 )
 def test_a_writer_that_spoils_its_file_is_told_as_such(capsys, tmp_path, monkeypatch, spoil, told):
-    real = gdsii._content
+    real = gdsii.layout_bytes
 
     def content(layout, path, options):
         spoilt = layout.dup()
         spoil(spoilt)
         return real(spoilt, path, options)
 
-    monkeypatch.setattr(gdsii, "_content", content)
+    monkeypatch.setattr(gdsii, "layout_bytes", content)
     job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
     before = listing(tmp_path)
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")

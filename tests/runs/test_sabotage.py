@@ -97,7 +97,7 @@ FAULTS = {
     "the job's copy": (
         "maskfab.runs.plate_files.job_text", after(lambda text: text.replace('"seed": 3', '"seed": 4')), ""
     ),
-    "user unit of GDSII": ("maskfab.mask.formats.gdsii._content", after(other_unit), ""),
+    "user unit of GDSII": ("maskfab.mask.formats.gdsii.layout_bytes", after(other_unit), ""),
     "measurement of DXF": ("maskfab.mask.formats.dxf_writer._blank_drawing", with_variable("$MEASUREMENT", 0), ""),
     "the judge gives no rows": ("maskfab.mask.comparison.files.judged", lambda _: lambda *_: (), ""),
     "the judge sees no dies": (
