@@ -261,19 +261,6 @@ def test_a_die_that_is_not_there_is_refused(capsys, tmp_path):
     assert "PLAIN, TURNED" in answer.document["error"]["cure"]
 
 
-def test_a_job_that_is_not_there_is_refused(capsys, tmp_path):
-    answer = command(capsys, "check", tmp_path / "none.toml", "--json")
-    assert (answer.code, answer.document["error"]["code"]) == (2, "MF301")
-
-
-def test_check_has_help_with_an_example(capsys):
-    answer = command(capsys, "check", "--help")
-    assert (answer.code, answer.stderr) == (0, "")
-    assert "maskfab check " in answer.stdout.split("Example")[1]
-    for option in ("--die", "--largest-gap", "--json", "--quiet"):
-        assert option in answer.stdout
-
-
 def test_the_schema_refuses_what_it_does_not_know(capsys, tmp_path):
     document = checked(capsys, display(tmp_path)).document
     rules = Draft202012Validator(check_schema())
