@@ -48,10 +48,9 @@ from maskfab.report.pages.measured import (
     capture_document,
     captured_drawing,
     edge_document,
-    edge_page,
     edges_drawing,
     write_capture,
-    write_measured,
+    write_edges,
 )
 from maskfab.report.text import Quantities
 
@@ -315,8 +314,7 @@ class EdgeMeasurement(FolderResult):
 
     def _write(self, place: Place) -> list[Path]:
         """Page and numbers."""
-        document = self.to_dict()
-        return write_measured(place, document, edge_page(self.found, document))
+        return write_edges(place, self.found, self.to_dict())
 
     def plot(self) -> Drawing:
         """Every MTF with its band, and the designed ones."""
