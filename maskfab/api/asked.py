@@ -110,11 +110,8 @@ def laid_out(
 
 
 def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None = None) -> tuple[JobSpec, Path]:
-    """The spec of a job that says what is designed, and the path that its files are relative to.
-
-    Raises:
-        JobError: MF105 for an opening or a panel, which are designed already; else as for a job file.
-    """
+    """The spec of a job that says what is designed, and the path that its files are relative to. Raises JobError MF105
+    for an opening or a panel, which are designed already; else as for a job file."""
     if isinstance(job, Job):
         return job.spec, Path(job.where)
     if isinstance(job, str | Path):
@@ -125,11 +122,8 @@ def spec_of(job: DesignJob, verb: str, check: Callable[[JobSpec], None] | None =
 
 
 def folder_of(given: AnyPath, verb: str, where: str) -> Path:
-    """The path that a caller names, or that a result is.
-
-    Raises:
-        JobError: MF105 for what is none: a plate, say, of which nothing was written yet.
-    """
+    """The path that a caller names, or that a result is. Raises JobError MF105 for what is none: a plate, say, of which
+    nothing was written yet."""
     if isinstance(given, str | PathLike):
         return Path(given)
     what = f"{verb} looks into files, and {type(given).__name__} is no path and no finished run"
@@ -138,11 +132,8 @@ def folder_of(given: AnyPath, verb: str, where: str) -> Path:
 
 
 def panels_of(stated: object, camera: Camera | None = None) -> dict[str, Panel]:
-    """Panels by the names of their dies, of one or several, as :func:`job_of` takes them.
-
-    Raises:
-        JobError: MF105 for what is no panel, and for none.
-    """
+    """Panels by the names of their dies, of one or several, as :func:`job_of` takes them. Raises JobError MF105 for
+    what is no panel, and for none."""
     return _panels(stated, camera)[0]
 
 
@@ -224,11 +215,8 @@ def sources(given: AnyPhoto | Sequence[AnyPhoto], name: str) -> list[Source]:
 
 
 def dies_of(asked: str | Sequence[str] | None, names: Collection[str]) -> tuple[str, ...]:
-    """The dies that are asked for, each once; all if none is.
-
-    Raises:
-        JobError: MF105 for the first that the job does not have.
-    """
+    """The dies that are asked for, each once; all if none is. Raises JobError MF105 for the first that the job does not
+    have."""
     wanted = (asked,) if isinstance(asked, str) else tuple(asked or names)
     for name in wanted:
         if name not in names:

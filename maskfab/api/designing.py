@@ -342,25 +342,12 @@ def design(
         spec, path = spec_of(job, "design", partial(check_possible, where=str(job)))
         where, command = str(path), f"maskfab design {path.as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
-        command += _start_words(start, begin)
     else:
         where = "design()"
-        lens = (camera or protocol_f1()).section.model_dump(mode="json", exclude_none=True)
-        section = {"name": "found", "method": "search", "tiling": "random", **_counts(start, begin), **given}
-        if section["method"] == "search" and section["tiling"] == "random":
-            section.setdefault("map", "equal_light")
-        if section.get("map") == "none":
-            del section["map"]
         display = sections_as_text({k: v for k, v in (("emitters", emitters), ("wires", wires)) if v is not None})
-        more = dict(sections or {})
-        for key in more:
-            if key not in _FURTHER:
-                what = f"a design has no use for a section {key!r}"
-                cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
-                raise JobError("MF102", what, where="design(): sections", cure=cure)
-        spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
-        stated = {**section, **display, **({"sections": more} if more else {})}
-        command = _call(stated, camera=None if camera is None else lens, images=images) + _start_words(start, begin)
+        section = {**_counts(start, begin), **given}
+        spec, command = _called(section, display, sections or {}, camera=camera, images=images)
+    command += _start_words(start, begin)
     if isinstance(spec.design, RelaxSection):
         _refuse({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
     began, processor = time.monotonic(), time.process_time()
@@ -482,15 +469,37 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     return targets
 
 
-def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
-    arguments = [f"{key}={value!r}" for key, value in section.items()]
+def _called(
+    stated: Mapping[str, Any],
+    display: Mapping[str, Any],
+    more: Mapping[str, Any],
+    *,
+    camera: Camera | None,
+    images: object,
+) -> tuple[JobSpec, str]:
+    """The spec of a design that a call states, by the keys of its sections, and the call that repeats it."""
+    where = "design()"
+    for key in more:
+        if key not in _FURTHER:
+            what = f"a design has no use for a section {key!r}"
+            cure = f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own"
+            raise JobError("MF102", what, where=f"{where}: sections", cure=cure)
+    section = {"name": "found", "method": "search", "tiling": "random", **stated}
+    if section["method"] == "search" and section["tiling"] == "random":
+        section.setdefault("map", "equal_light")
+    if section.get("map") == "none":
+        del section["map"]
+    lens = (camera or protocol_f1()).section.model_dump(mode="json", exclude_none=True)
+    spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
+    repeated = {**section, **display, **({"sections": dict(more)} if more else {})}
+    arguments = [f"{key}={value!r}" for key, value in repeated.items()]
     if "map" not in section:
         arguments.append("map='none'")
     if camera is not None:
-        arguments.append(f"camera=maskfab.Camera({', '.join(f'{key}={value!r}' for key, value in camera.items())})")
+        arguments.append(f"camera=maskfab.Camera({', '.join(f'{key}={value!r}' for key, value in lens.items())})")
     if images is not None:
         arguments.append(f"images={str(images)!r}")
-    return f"maskfab.design({', '.join(arguments)})"
+    return spec, f"maskfab.design({', '.join(arguments)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -101,11 +101,8 @@ def sections_as_text(stated: Mapping[str, object]) -> dict[str, object]:
 
 
 def wavelength_text(value: object, where: str = "wavelength") -> object:
-    """A wavelength as a job file has it; anything but a number is left to the job file's own checks.
-
-    Raises:
-        JobError: MF156 for a number that is no wavelength in nanometres.
-    """
+    """A wavelength as a job file has it; anything but a number is left to the job file's own checks. Raises JobError
+    MF156 for a number that is no wavelength in nanometres."""
     if not _is_number(value):
         return value
     _require_usual(float(value), "nm", "wavelength", where)  # type: ignore[arg-type]
@@ -113,11 +110,8 @@ def wavelength_text(value: object, where: str = "wavelength") -> object:
 
 
 def wavelength_nm(value: object, where: str) -> float:
-    """Nanometres of one wavelength.
-
-    Raises:
-        JobError: MF103 without a unit, MF104, MF112 or MF156 for what is no wavelength.
-    """
+    """Nanometres of one wavelength. Raises JobError MF103 without a unit, MF104, MF112 or MF156 for what is no
+    wavelength."""
     if isinstance(value, np.ndarray | np.generic) and np.ndim(value) == 0:
         value = value.item()
     return parse_wavelength_nm(wavelength_text(value, where), where=where)
@@ -129,11 +123,8 @@ def is_one(value: object) -> bool:
 
 
 def wavelengths_nm(value: object, where: str) -> tuple[float, ...]:
-    """Nanometres of several wavelengths, in their order; of one, that alone.
-
-    Raises:
-        JobError: MF105 for none, or an array of more dimensions than one; else as :func:`wavelength_nm`.
-    """
+    """Nanometres of several wavelengths, in their order; of one, that alone. Raises JobError MF105 for none, or an
+    array of more dimensions than one; else as :func:`wavelength_nm`."""
     if is_one(value):
         return (wavelength_nm(value, where),)
     if not isinstance(value, Sequence | np.ndarray) and hasattr(value, "__array__"):
@@ -167,11 +158,8 @@ def _is_number(value: object) -> bool:
 
 
 def drawing_unit_um(unit: str | float | None) -> float | None:
-    """Micrometres of a drawing's unit, which is stated by its name or by them.
-
-    Raises:
-        JobError: MF105 for a name that none has.
-    """
+    """Micrometres of a drawing's unit, which is stated by its name or by them. Raises JobError MF105 for a name that
+    none has."""
     if not isinstance(unit, str):
         return unit
     if unit not in _DRAWING_UNITS:

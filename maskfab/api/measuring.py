@@ -21,7 +21,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.base.units import parse_length_um, parse_time_s
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.blur import stand_named, stand_words
-from maskfab.camera.frames.frame import Frame, Source, read_frame, read_frames
+from maskfab.camera.frames.frame import Colour, Frame, Source, read_frame, read_frames
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
 from maskfab.camera.inspection.edge_mtf import (
@@ -42,15 +42,15 @@ from maskfab.job.camera import Sensor
 from maskfab.job.reference import USES, Keys, in_words, unused
 from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
+from maskfab.optics.spectrum import Band
 from maskfab.report.pages.measured import (
     IF_IT_HELD,
     capture_document,
     captured_drawing,
     edge_document,
-    edge_page,
     edges_drawing,
     write_capture,
-    write_measured,
+    write_edges,
 )
 from maskfab.report.text import Quantities
 
@@ -314,8 +314,7 @@ class EdgeMeasurement(FolderResult):
 
     def _write(self, place: Place) -> list[Path]:
         """Page and numbers."""
-        document = self.to_dict()
-        return write_measured(place, document, edge_page(self.found, document))
+        return write_edges(place, self.found, self.to_dict())
 
     def plot(self) -> Drawing:
         """Every MTF with its band, and the designed ones."""
@@ -394,9 +393,8 @@ def edge(
                 raise JobError("MF105", why, where=name, cure=f"Add {name}")
         assert job is not None
         assert die is not None
-        return _curve(
-            source, job_of(job, camera), die=die, stands=stands, angle=0.0 if angle is None else angle, line=line
-        )
+        held = _Beside.of(job_of(job, camera), die, stands, line)
+        return _curve(source, held, 0.0 if angle is None else angle)
     require_form("a table (.csv) of an MTF", {"angle": angle}, of=False)
     box = _region(region)
     if window is not None and window < 2 * NARROWEST_PX:
@@ -406,30 +404,21 @@ def edge(
     if stands is not None:
         stand_named(stands)
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel, "pixel"), where="pixel")
-    line_nm = _line_nm(line)
-    loaded = None if job is None else job_of(job, camera)
-    panels = {} if loaded is None or die is None else loaded.panels()
-    if die is not None:
-        dies_of(die, panels)
+    beside = None if job is None else _Beside.of(job_of(job, camera), die, stands, line)
+    if beside is not None:
+        pixel_um = beside.job.camera.pixel_um
     frame = read_frame(source, black=black, white=white, mosaic=mosaic)
     colours = tuple(dict.fromkeys(lattice.colour for lattice in frame.lattices))
-    designs = None
-    if loaded is not None:
-        pixel_um = loaded.camera.pixel_um
-        if die is not None:
-            bands = () if loaded.scene is None else loaded.scene.bands
-            light = seen_light(colours, loaded.camera, bands, line_nm)
-            designs = {colour: _design(loaded, panels, die, (light[colour],), stands) for colour in colours}
+    designs = None if beside is None or beside.die is None else beside.by_colour(colours)
     reach = math.inf if window is None else window / 2
     edges = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
     notes = ["Assumed: counts above black are linear in the light, and both fields beside the edge are evenly lit."]
     if frame.black == (0.0,) * len(frame.black) and black is None:
         notes.append("The file states no black level: it was taken to be 0, which matters where light is uneven.")
-    if loaded is None and pixel is None:
+    if pixel_um is None:
         notes.append("The pixel is not known, so frequencies are told per pixel alone.")
-    if loaded is not None:
-        notes += _design_notes(loaded, die, line_nm, stands)
-    return EdgeMeasurement(edges, frame.name, frame.sha256, None if loaded is None else loaded.digest, tuple(notes))
+    notes += [] if beside is None else beside.notes
+    return EdgeMeasurement(edges, frame.name, frame.sha256, None if beside is None else beside.job.digest, tuple(notes))
 
 
 answers(edge)(saved_at)
@@ -443,25 +432,63 @@ def _picture(stated: AnyPhoto) -> Source:
     return given[0]
 
 
-def _curve(
-    path: Path, loaded: Job, *, die: str, stands: str | None, angle: float, line: Wavelength | None
-) -> EdgeMeasurement:
+@dataclass(frozen=True)
+class _Beside:
+    """A job whose die, if one is named, MTFs are held against."""
+
+    job: Job
+    panels: Mapping[str, Panel]
+    die: str | None
+    stands: str | None
+    line_nm: float | None
+
+    @classmethod
+    def of(cls, job: Job, die: str | None, stands: str | None, line: Wavelength | None) -> _Beside:
+        line_nm = None if line is None else wavelength_nm(line, "line")
+        panels = {} if die is None else job.panels()
+        if die is not None:
+            dies_of(die, panels)
+        return cls(job, panels, die, stands, line_nm)
+
+    @property
+    def bands(self) -> tuple[Band, ...]:
+        """Bands of the job's light; none for lines."""
+        return () if self.job.scene is None else self.job.scene.bands
+
+    def design(self, lights: tuple[Light, ...]) -> EdgeDesign:
+        assert self.die is not None
+        way = way_round(self.stands, self.job)
+        return EdgeDesign(self.die, self.panels[self.die], self.job.camera, lights, way)
+
+    def by_colour(self, colours: tuple[Colour, ...]) -> dict[Colour, EdgeDesign]:
+        light = seen_light(colours, self.job.camera, self.bands, self.line_nm)
+        return {colour: self.design((light[colour],)) for colour in colours}
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
+        if self.die is None:
+            rest = in_words(unused(self.job.spec, *USES["measure without a die"]))
+            return ["No die was named: of the job its camera's pixel alone was used.", *rest]
+        stood = stand_words(way_round(self.stands, self.job))
+        if self.stands is None:
+            stood += ", by the side of its chrome" if sees_mirrored(self.job) else ""
+        light = light_words(self.job, self.line_nm)
+        notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light}."]
+        return [*notes, *unused_notes(self.job, "edge", self.line_nm)]
+
+
+def _curve(path: Path, beside: _Beside, angle: float) -> EdgeMeasurement:
     """An MTF that was measured elsewhere, held against a die's; every colour of the job's light without a line."""
     if not abs(angle) <= 180:
         what = f"an angle of {angle:g} deg is not -180 to 180 deg"
         raise JobError("MF104", what, where="angle", cure="Use 0 or 90, say")
-    line_nm = _line_nm(line)
-    panels = loaded.panels()
-    dies_of(die, panels)
-    read = read_mtf(path, loaded.camera.pixel_um, float(angle))
-    bands = () if loaded.scene is None else loaded.scene.bands
-    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or loaded.camera.wavelengths_nm
-    edges = compared_curve(read, _design(loaded, panels, die, lights, stands))
-    notes = [
-        "Nothing tells the window of the curve: the design is shown without one.",
-        *_design_notes(loaded, die, line_nm, stands),
-    ]
-    return EdgeMeasurement(edges, read.name, sha256_of_file(path), loaded.digest, tuple(notes))
+    job, line_nm = beside.job, beside.line_nm
+    read = read_mtf(path, job.camera.pixel_um, float(angle))
+    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else beside.bands or job.camera.wavelengths_nm
+    edges = compared_curve(read, beside.design(lights))
+    notes = ["Nothing tells the window of the curve: the design is shown without one.", *beside.notes]
+    return EdgeMeasurement(edges, read.name, sha256_of_file(path), job.digest, tuple(notes))
 
 
 def _only(die: str | Sequence[str] | None) -> str | None:
@@ -471,29 +498,6 @@ def _only(die: str | Sequence[str] | None) -> str | None:
         what = f"{len(die)} dies are given, and an MTF is held against one"
         raise JobError("MF105", what, where="die", cure=f"Give one of them, such as {die[0]}")
     return die[0] if die else None
-
-
-def _design(
-    job: Job, panels: Mapping[str, Panel], die: str, lights: tuple[Light, ...], stands: str | None
-) -> EdgeDesign:
-    (name,) = dies_of(die, panels)
-    return EdgeDesign(name, panels[name], job.camera, lights, way_round(stands, job))
-
-
-def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str | None) -> list[str]:
-    """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
-    if die is None:
-        rest = in_words(unused(job.spec, *USES["measure without a die"]))
-        return ["No die was named: of the job its camera's pixel alone was used.", *rest]
-    stood = stand_words(way_round(stands, job))
-    if stands is None:
-        stood += ", by the side of its chrome" if sees_mirrored(job) else ""
-    notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light_words(job, line_nm)}."]
-    return [*notes, *unused_notes(job, "edge", line_nm)]
-
-
-def _line_nm(line: Wavelength | None) -> float | None:
-    return None if line is None else wavelength_nm(line, "line")
 
 
 def _region(stated: str | Sequence[int] | None) -> Region | None:

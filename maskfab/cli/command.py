@@ -335,11 +335,7 @@ def _tree(module: str) -> ast.Module:
 
 
 def tables(parameter: Parameter, stated: str | Sequence[str]) -> dict[str, Any]:
-    """A mapping that is stated as a TOML table, or as KEY=VALUE.
-
-    Raises:
-        JobError: MF101 or MF105 for what is none.
-    """
+    """A mapping that is stated as a TOML table, or as KEY=VALUE. Raises JobError MF101 or MF105 for what is none."""
     from maskfab.base.errors import JobError
 
     option, cure = parameter.spelling[0], "Write it as --help shows"

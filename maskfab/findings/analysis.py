@@ -177,11 +177,8 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
 
 @one_thread
 def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress = silent) -> Analysis:
-    """Analysis of a panel, whose middle is on the axis; else as :func:`analyse`.
-
-    Raises:
-        JobError: MF114 for a panel that does not cover the stop; else as :func:`analyse`.
-    """
+    """Analysis of a panel, whose middle is on the axis; else as :func:`analyse`. Raises JobError MF114 for a panel that
+    does not cover the stop; else as :func:`analyse`."""
     camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
     check_lens(camera, where="the request")
     check_optics(camera, panel.dot_nm / NM_PER_UM, where="the request")
@@ -209,11 +206,8 @@ def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress 
 
 
 def sized(opening: Opening, request: Request) -> Opening:
-    """An opening that does not know its dots, such as that of an array, with those of the request.
-
-    Raises:
-        JobError: MF105 where the request states none; MF106, MF107 for a pitch of no whole dots.
-    """
+    """An opening that does not know its dots, such as that of an array, with those of the request. Raises JobError
+    MF105 where the request states none; MF106, MF107 for a pitch of no whole dots."""
     if request.dot_um is not None:
         return replace(opening, dot_nm=to_nm(request.dot_um, where="dot", name="dot"))
     if request.pitch_um is None:

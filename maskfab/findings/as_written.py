@@ -251,10 +251,7 @@ def written_openings(
 
 def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[int, int]:
     """Odd numbers of parts of a dot for :func:`written_openings`, and other ones that tell the error of the first.
-
-    Raises:
-        JobError: MF115 for too many dots across the stop, MF127 for a gutter too narrow.
-    """
+    Raises JobError MF115 for too many dots across the stop, MF127 for a gutter too narrow."""
     even = _parts(_vertices(_designed(die, camera)), die, process, where)
     dot, gutter = die.panel.dot_nm / NM_PER_UM, die.panel.gutter_nm / NM_PER_UM
 

@@ -409,11 +409,8 @@ def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint
 def learned_restorers(
     trained: Sequence[tuple[Path, Checkpoint]], job: Job, asked: Conditions, designs: Sequence[Design]
 ) -> dict[str, tuple[Learned]]:
-    """The restorer of every die, by its name; none where nothing is trained.
-
-    Raises:
-        JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
-    """
+    """The restorer of every die, by its name; none where nothing is trained. Raises JobError MF105 for two of one die;
+    MF148 for one of another die, camera, sensor or light, or a die without."""
     if not trained:
         return {}
     # torch takes a second to load, and a fifth of a gigabyte.

@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
@@ -188,11 +189,8 @@ class Forecast:
 def dry_run(
     job: Job, out: Path, *, force: bool = False, cache: Store | None = None, workers: Workers = EVERY_CORE
 ) -> Forecast:
-    """Tell what :func:`maskfab.runs.pipeline.run` would do; arguments as there.
-
-    Raises:
-        InputError: for what it would refuse before its work; a display that cannot be is found by the work itself.
-    """
+    """Tell what :func:`maskfab.runs.pipeline.run` would do; arguments as there. Raises InputError for what it would
+    refuse before its work; a display that cannot be is found by the work itself."""
     check_target(out, force=force)
     if cache is not None and cache.has(pipeline.origin_of_run(job, measured_beside(job))):
         return Forecast((), 1, "for files of a usual size", True)
@@ -206,38 +204,21 @@ def dry_run(
     with suppress(_NotKeptError):
         plate = displays(job, plate, executor=executor).plate
     laid = executor.stage("displays")
-    begin_photographs(job, drawn, executor)
-    photographs = executor.stage("photographs")
     processes = workers.at_once(tasks_at_once(job))
-    if photographs.kept != photographs.tasks:
-        each_s = SCENES_S * pace.of_all
-        seconds, longest_s = photographs.seconds + each_s * min(processes, photographs.tasks), photographs.longest_s
-        photographs = replace(photographs, seconds=seconds, longest_s=longest_s + each_s, each_s=each_s)
-    refused = [die.name for die in drawn.dies if too_fine(die.panel, job.camera.stop)]
-    if refused:
-        seconds = photographs.seconds * (1 - len(refused) / len(drawn.dies))
-        note = f"none of {', '.join(refused)}: more than {MOST_ACROSS} dots across the stop"
-        photographs = replace(photographs, seconds=seconds, note=note)
+    photographs = _photographs(job, drawn, executor, pace, processes)
     seen = plate_as_seen(job, plate)
     made = draw_files(job, plate)
     # What is read back equals the design, or the run says that it does not.
     layout = layout_as_seen(job, made.design)
-    with suppress(_NotKeptError):
-        measure_dies(seen, job.camera, layout, silent, None, job.blank, executor)
-    optics = executor.stage("optics")
+    rest = silent, None, executor
+    optics = executor.stage(
+        "optics", partial(measure_dies, seen, job.camera, layout, silent, None, job.blank, executor)
+    )
     plans = plan_scenes(job, seen, silent)
     alone = [replace(seen, dies=(die,)) for die in seen.dies]
-    for die in alone:
-        with suppress(_NotKeptError):
-            measure_scenes(job, die, plans, layout, silent, None, executor)
-    scenes = executor.stage("scene")
-    for die in alone:
-        with suppress(_NotKeptError):
-            measure_process(job, die, silent, None, executor)
-    process = executor.stage("process")
-    with suppress(_NotKeptError):
-        expand_photographs(job, seen, silent, None, executor)
-    tolerance = executor.stage("tolerance")
+    scenes = executor.stage("scene", *(partial(measure_scenes, job, die, plans, layout, *rest) for die in alone))
+    process = executor.stage("process", *(partial(measure_process, job, die, *rest) for die in alone))
+    tolerance = executor.stage("tolerance", partial(expand_photographs, job, seen, *rest))
     if laid.kept != laid.tasks:
         photographed = (optics, scenes, process, tolerance)
         optics, scenes, process, tolerance = (replace(part, kept=None, note=_AFTER_DISPLAYS) for part in photographed)
@@ -270,6 +251,22 @@ def dry_run(
     return Forecast(
         tuple(stage for stage in stages if stage.tasks), processes, pace.source, False, tasks_at_once(job), helpers
     )
+
+
+def _photographs(job: Job, plate: Plate, executor: _ForecastExecutor, pace: Pace, processes: int) -> Stage:
+    """The stage of photographs: each process that takes some draws the scenes first."""
+    begin_photographs(job, plate, executor)
+    stage = executor.stage("photographs")
+    if stage.kept != stage.tasks:
+        each_s = SCENES_S * pace.of_all
+        seconds, longest_s = stage.seconds + each_s * min(processes, stage.tasks), stage.longest_s
+        stage = replace(stage, seconds=seconds, longest_s=longest_s + each_s, each_s=each_s)
+    refused = [die.name for die in plate.dies if too_fine(die.panel, job.camera.stop)]
+    if refused:
+        seconds = stage.seconds * (1 - len(refused) / len(plate.dies))
+        note = f"none of {', '.join(refused)}: more than {MOST_ACROSS} dots across the stop"
+        stage = replace(stage, seconds=seconds, note=note)
+    return stage
 
 
 def _own(name: str, tasks: int, seconds: float, pace: Pace, held: float = 0.0) -> Stage:
@@ -314,8 +311,11 @@ class _ForecastExecutor(SerialExecutor):
             raise _NotKeptError
         return [_done(entry[0]) for entry in entries if entry is not None]
 
-    def stage(self, name: str) -> Stage:
-        """Everything that was asked since the last stage."""
+    def stage(self, name: str, *works: Callable[[], object]) -> Stage:
+        """Everything that was asked since the last stage, by works that go on as far as what they need is kept."""
+        for work in works:
+            with suppress(_NotKeptError):
+                work()
         seen, self._seen = self._seen, []
         count = sum(is_kept for is_kept, _, _ in seen)
         took = [took for is_kept, took, _ in seen if not is_kept]

@@ -38,11 +38,8 @@ def browser() -> str:
 
 
 def print_report(folder: Path, program: str) -> None:
-    """Print the page of a finished folder into it, and add it to the manifest.
-
-    Raises:
-        OutputError: MF439 if the browser does not print.
-    """
+    """Print the page of a finished folder into it, and add it to the manifest. Raises OutputError MF439 if the browser
+    does not print."""
     page = _BESIDE.sub("", (folder / PAGE).read_text(encoding="utf-8"))
     (folder / PRINT).write_bytes(_printed(page, program))
     mark = folder / RESULT_MARK

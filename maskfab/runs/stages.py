@@ -86,11 +86,8 @@ def expand_photographs(
     seconds: dict[str, float] | None = None,
     executor: SerialExecutor | None = None,
 ) -> dict[str, Expansion | str]:
-    """Changes of restored photographs over the spread of the job's [process], by die; none without a spread.
-
-    Raises:
-        JobError: MF140, MF141 for a sensor or a light that cannot be.
-    """
+    """Changes of restored photographs over the spread of the job's [process], by die; none without a spread. Raises
+    JobError MF140, MF141 for a sensor or a light that cannot be."""
     process, spread = job.spec.written, process_spread(job)
     if process is None or not spread:
         return {}
@@ -156,11 +153,8 @@ class PendingPhotographs:
 
 
 def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> PendingPhotographs:
-    """Photographs through the dies of a plate, which need nothing of its files.
-
-    Raises:
-        JobError: MF140 or MF141 for a sensor or a light that cannot be.
-    """
+    """Photographs through the dies of a plate, which need nothing of its files. Raises JobError MF140 or MF141 for a
+    sensor or a light that cannot be."""
     conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), die_data.stated(job)
 
     def call(die: Die) -> Call[Restored]:
@@ -173,11 +167,8 @@ def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> Pendi
 
 
 def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
-    """Plans of the job's scene, by die; nothing for a job without one.
-
-    Raises:
-        JobError: MF114 or MF115 if the scene cannot be modelled for a die.
-    """
+    """Plans of the job's scene, by die; nothing for a job without one. Raises JobError MF114 or MF115 if the scene
+    cannot be modelled for a die."""
     scene, section = job.scene, job.spec.scene
     if scene is None or section is None:
         return {}

@@ -172,11 +172,8 @@ def expected(die: SweptDie) -> Iterable[Quantity]:
 
 
 def footprint(die: SweptDie) -> Iterable[Quantity]:
-    """Largest footprint of an emitter, and its bound.
-
-    Raises:
-        JobError: MF105 without emitters; MF161 for cells of several openings.
-    """
+    """Largest footprint of an emitter, and its bound. Raises JobError MF105 without emitters; MF161 for cells of
+    several openings."""
     rules, opening = display_rules(die.job), _only_opening(die)
     if rules is None:
         where = die.job.where
@@ -193,12 +190,8 @@ def footprint(die: SweptDie) -> Iterable[Quantity]:
 
 
 def display(die: SweptDie) -> Iterable[Quantity]:
-    """Whether emitters, circuits and wires fit, and how the display looks and lives.
-
-    Raises:
-        JobError: MF105 without emitters; MF161 for a sheet without pixels; MF117 for a reference display that is asked
-            for and cannot be.
-    """
+    """Whether emitters, circuits and wires fit, and how the display looks and lives. Raises JobError MF105 without
+    emitters; MF161 for a sheet without pixels; MF117 for a reference display that is asked for and cannot be."""
     job, name = die.job, die.name
     rules = display_rules(job)
     if rules is None:
@@ -219,11 +212,8 @@ def display(die: SweptDie) -> Iterable[Quantity]:
 
 
 def scene(die: SweptDie) -> Iterable[Quantity]:
-    """Numbers of the job's scene through the die.
-
-    Raises:
-        JobError: MF105 without a scene; MF114 or MF115 for one that cannot be modelled.
-    """
+    """Numbers of the job's scene through the die. Raises JobError MF105 without a scene; MF114 or MF115 for one that
+    cannot be modelled."""
     job, section, scene = die.job, die.job.spec.scene, die.job.scene
     if section is None or scene is None:
         raise JobError("MF105", "the job has no [scene]", where=job.where, cure="Add one, or vary a key of it")

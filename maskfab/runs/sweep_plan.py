@@ -45,11 +45,7 @@ def by_psf(names: Sequence[str]) -> bool:
 
 
 def require_known(names: Sequence[str], where: str) -> None:
-    """Refuse quantities that no case has.
-
-    Raises:
-        JobError: MF161, with those that look like it.
-    """
+    """Refuse quantities that no case has. Raises JobError MF161, with those that look like it."""
     for name in names:
         if name not in STAGE_OF_QUANTITY:
             near = get_close_matches(name, STAGE_OF_QUANTITY, n=3) or list(STAGE_OF_QUANTITY)

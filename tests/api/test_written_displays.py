@@ -21,6 +21,7 @@ def plate():
     return mf.Plate.of(BAR=panel, template="5in", camera=camera, sections=RULES)
 
 
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_a_plate_with_a_display_is_written_as_a_run_writes_it(plate, tmp_path):
     written = plate.write(tmp_path / "own.oas")
     mf.run(plate, out=tmp_path / "run")

@@ -204,7 +204,7 @@ def test_a_sheet_without_pixels_has_nothing_to_check(capsys, tmp_path):
 
 def test_emitters_that_came_with_the_opening_are_measured(capsys, tmp_path):
     job = display(tmp_path, gap_to_opening='"0 um"', colour_gap='"2 um"', min_width='"2 um"')
-    assert command(capsys, "shape", "rgb-stripe", "--out", tmp_path / "ring.toml", "--force").code == 0
+    assert command(capsys, "new", tmp_path / "ring.toml", "--shape", "rgb-stripe", "--force").code == 0
     text = job.read_text(encoding="utf-8").replace('dot = "8 um"', 'dot = "2 um"')
     text = text.replace('pitch = "64 um"\ngutter = "8 um"', 'pitch = "84 um"').replace('"56 um"', '"84 um"')
     job.write_text(text, encoding="utf-8")
@@ -259,19 +259,6 @@ def test_a_die_that_is_not_there_is_refused(capsys, tmp_path):
     answer = command(capsys, "check", display(tmp_path), "--die", "PLAIN", "--die", "NOBODY", "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
     assert "PLAIN, TURNED" in answer.document["error"]["cure"]
-
-
-def test_a_job_that_is_not_there_is_refused(capsys, tmp_path):
-    answer = command(capsys, "check", tmp_path / "none.toml", "--json")
-    assert (answer.code, answer.document["error"]["code"]) == (2, "MF301")
-
-
-def test_check_has_help_with_an_example(capsys):
-    answer = command(capsys, "check", "--help")
-    assert (answer.code, answer.stderr) == (0, "")
-    assert "maskfab check " in answer.stdout.split("Example")[1]
-    for option in ("--die", "--largest-gap", "--json", "--quiet"):
-        assert option in answer.stdout
 
 
 def test_the_schema_refuses_what_it_does_not_know(capsys, tmp_path):

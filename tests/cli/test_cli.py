@@ -11,10 +11,9 @@ import sys
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from once import leaves
-from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
+from small_job import JOB, LOOK, command, listing, write_job
 
 import maskfab
 from maskfab.base import resources
@@ -22,7 +21,7 @@ from maskfab.base.errors import CATALOGUE
 from maskfab.base.units import parse_pitch_um, to_nm
 from maskfab.cli.program import VERBS
 from maskfab.mask.job import load_job
-from maskfab.mask.opening_file import load_opening, parse_opening
+from maskfab.mask.opening_file import load_opening
 from maskfab.report.text import USEFUL_DB
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "measured_once", "bound_loosely", "read_here")
@@ -490,7 +489,3 @@ def test_the_installed_program_passes_its_exit_code_on():
     assert bad.returncode == 2
     assert json.loads(bad.stdout)["error"]["code"] == "MF105"
     assert bad.stderr.startswith("error: MF105 ")
-
-
-def test_the_drawing_of_the_tests_is_read_as_they_think():
-    assert np.array_equal(parse_opening(OPENING).mask, MASK)

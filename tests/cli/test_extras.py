@@ -67,7 +67,7 @@ def test_the_verbs_of_the_core_work_without_the_heavy_packages(tmp_path):
     # In processes that verbs start, too.
     blocking = f"import sys; sys.modules.update(dict.fromkeys({HEAVY!r}))"
     (blocked / "sitecustomize.py").write_text(blocking, encoding="utf-8")
-    job = write_job(tmp_path)
+    job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii", "dxf_r12"]\n\n[plate]'))
     three_colours = write_job(tmp_path / "three", ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
     images.mkdir()
     write_png(leaves(1, 704, 768).values, images / "leaves.png", white=1.0)

@@ -241,7 +241,7 @@ def test_shipped_openings_of_f1_are_at_home_in_shipped_jobs():
     assert any(die.tiling is Tiling.MAP for die in job.spec.die)
 
 
-@pytest.mark.parametrize("verb", [("design",), ("pareto", "--out", "none")], ids=lambda verb: verb[0])
+@pytest.mark.parametrize("verb", [("design",), ("design", "--front", "--out", "none")], ids=["one", "front"])
 def test_dots_too_coarse_for_the_camera_are_refused_before_any_scene_is_drawn(folder, capsys, verb, monkeypatch):
     monkeypatch.setattr("maskfab.camera.scenes.bundled", None)
     job = folder / "coarse.toml"

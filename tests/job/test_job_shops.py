@@ -127,8 +127,8 @@ BAD = {
 
 
 @pytest.mark.parametrize("kind", BAD)
-@pytest.mark.parametrize("verb", [("run",), ("package", "--shop", "pog")])
-def test_a_bad_profile_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch, kind, verb):
+@pytest.mark.parametrize("words", [("run", "JOB"), ("order", "pack", "JOB", "--shop", "pog")], ids=["run", "pack"])
+def test_a_bad_profile_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch, kind, words):
     content, code = BAD[kind]
     job = job_with(tmp_path)
     path = tmp_path / "houses" / "mine.toml"
@@ -144,7 +144,9 @@ def test_a_bad_profile_is_refused_before_anything_is_drawn(capsys, tmp_path, mon
     monkeypatch.setattr("maskfab.mask.houses.files.PlateFiles", begun)
     monkeypatch.setattr("maskfab.runs.pipeline.draw_files", begun)
     before = listing(tmp_path)
-    answer = command(capsys, verb[0], job, *verb[1:], "--out", tmp_path / "out", "--json", "--quiet")
+    answer = command(
+        capsys, *(job if word == "JOB" else word for word in words), "--out", tmp_path / "out", "--json", "--quiet"
+    )
     assert (answer.code, answer.document["error"]["code"]) == (2, code)
     told = answer.document["error"]
     assert "mine.toml" in told["where"] + told["what"]

@@ -390,7 +390,7 @@ def test_the_verb_names_every_display():
 
 def test_a_changed_display_claims_no_source(capsys, tmp_path):
     target = tmp_path / "ring.toml"
-    assert command(capsys, "shape", "circular", "--length", "diameter=16", "--out", target).code == 0
+    assert command(capsys, "new", target, "--shape", "circular", "--length", "diameter=16").code == 0
     found = opening_file.load_opening(target)
     assert "source" not in found.provenance
     assert found.provenance["judgement"]
@@ -400,7 +400,7 @@ def test_a_changed_display_claims_no_source(capsys, tmp_path):
 
 def test_the_verb_scales_a_display(capsys, tmp_path):
     target = tmp_path / "large.toml"
-    assert command(capsys, "shape", "window", "--pitch", "511 um", "--out", target).code == 0
+    assert command(capsys, "new", target, "--shape", "window", "--pitch", "511 um").code == 0
     found = opening_file.load_opening(target)
     assert found.dot_nm == 7000
     assert np.array_equal(found.mask, shipped("window").mask)
@@ -412,7 +412,7 @@ def test_the_verb_scales_a_display(capsys, tmp_path):
 )
 def test_the_verb_refuses_and_writes_nothing(capsys, tmp_path, arguments):
     target = tmp_path / "none.toml"
-    assert command(capsys, "shape", *arguments, "--out", target).code == 2
+    assert command(capsys, "new", target, "--shape", *arguments).code == 2
     assert not target.exists()
 
 

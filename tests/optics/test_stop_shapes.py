@@ -335,7 +335,7 @@ clear_dots = [100]
 [[die]]"""
 
 
-@pytest.mark.parametrize("verb", [("design",), ("pareto", "--out", "out")], ids=lambda verb: verb[0])
+@pytest.mark.parametrize("verb", [("design",), ("design", "--front", "--out", "out")], ids=["one", "front"])
 def test_verbs_that_know_a_round_stop_alone_refuse_others(verb, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     ellipse = '"ellipse", width = "400 um", height = "300 um" }'

@@ -107,9 +107,9 @@ def four_small_scenes():
         patch.setattr(workers, "cores", lambda: 1)
         patch.setattr(advice, "_DENSER_S", 3600.0)
         for tried in ("_TRIED", "_TRIED_OF_FEWER"):
-            patch.setattr(held, tried, 8)
+            patch.setattr(held, tried, 4)
         for judged in ("MOST_JUDGED", "_JUDGED_OF_FEWER"):
-            patch.setattr(held, judged, 200)
+            patch.setattr(held, judged, 60)
         yield
 
 
@@ -135,7 +135,8 @@ def folder(answer, tmp_path_factory):
 
 @pytest.fixture
 def alone(monkeypatch):
-    """No mask houses and no larger openings, which take most of the time."""
+    """No mask houses, no larger openings, and no search under limits of the eye, which take most of the time."""
+    monkeypatch.setattr(advice, "_UNDER_S", 3600.0)
     monkeypatch.setattr(advice, "compare_shops", lambda *_: ())
     monkeypatch.setattr(advice, "reaches", lambda *_: ())
 
@@ -243,7 +244,7 @@ def test_one_process_finds_what_two_find(tmp_path):
 @pytest.mark.usefixtures("alone")
 def test_too_little_light_is_told_from_blur(tmp_path):
     edits = ("white = 1600", "white = 30"), ('opening = "slit.toml"', 'opening = "wide.toml"')
-    found = mf.advise(write(tmp_path, *edits), budget=NO_END)
+    found = mf.advise(write(tmp_path, *edits, *WITHOUT_MAP), budget=NO_END)
     document = found.to_dict()
     assert not found.build
     assert "at 12.2 dB of light photographs gain -" in found.verdict

@@ -59,7 +59,7 @@ def test_a_report_that_is_wrong_alone_is_told(folder, tmp_path):
         check_agreement(tmp_path)
 
 
-@pytest.mark.parametrize(("owner", "name"), [(numbers, "_cell"), (template, "told")])
+@pytest.mark.parametrize(("owner", "name"), [(numbers, "_cell"), (template, "value_and_error")])
 @pytest.mark.usefixtures("drawn_in_words")
 def test_a_run_whose_writer_is_wrong_leaves_nothing(owner, name, monkeypatch, tmp_path):
     true = getattr(owner, name)

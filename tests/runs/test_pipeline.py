@@ -268,14 +268,14 @@ OTHER = {
     ids=["layer", "unit", "far"],
 )
 def test_a_writer_that_spoils_its_file_is_told_as_such(capsys, tmp_path, monkeypatch, spoil, told):
-    real = gdsii._content
+    real = gdsii.layout_bytes
 
     def content(layout, path, options):
         spoilt = layout.dup()
         spoil(spoilt)
         return real(spoilt, path, options)
 
-    monkeypatch.setattr(gdsii, "_content", content)
+    monkeypatch.setattr(gdsii, "layout_bytes", content)
     job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
     before = listing(tmp_path)
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
@@ -458,9 +458,11 @@ def test_a_scene_that_cannot_be_modelled_is_refused_before_anything_is_written(c
     assert not out.exists()
 
 
-def test_without_a_scene_nothing_is_planned_or_shown(out, report):
+def test_without_a_scene_and_a_process_nothing_is_planned_or_shown(out, report):
     assert all("scene" not in die for die in report["dies"])
-    assert "<h3>Scene</h3>" not in (out / "appendix.html").read_text(encoding="utf-8")
+    assert not [q for die in report["dies"] for q in die["quantities"] if q["name"].startswith("written_")]
+    page = (out / "appendix.html").read_text(encoding="utf-8")
+    assert not any(f"<h3>{title}</h3>" in page for title in ("Scene", "As written"))
 
 
 # --- [export] and [process] ------------------------------------------------------------------------------------------
@@ -720,8 +722,3 @@ def test_a_bias_widens_what_is_clear_or_narrows_it_by_its_sign(tmp_path):
         assert "<h3>As written</h3>" in (result.directory / "appendix.html").read_text(encoding="utf-8")
         assert {"process", "process TURNED"} <= result.report.seconds.keys()
     assert max(ratios[0]) < 1 < min(ratios[1])
-
-
-def test_a_job_without_a_process_says_nothing_of_it(out, report):
-    assert not [q for die in report["dies"] for q in die["quantities"] if q["name"].startswith("written_")]
-    assert "<h3>As written</h3>" not in (out / "appendix.html").read_text(encoding="utf-8")

@@ -377,11 +377,8 @@ class Beside:
 
 
 def measured_beside(job: Job) -> Beside | None:
-    """The measurement of a die beside the job's file; None if there is none.
-
-    Raises:
-        SourceError: MF303 for a file of that name that is damaged, or larger than 50 MB.
-    """
+    """The measurement of a die beside the job's file; None if there is none. Raises SourceError MF303 for a file of
+    that name that is damaged, or larger than 50 MB."""
     path = Path(job.where).parent / DOCUMENT
     if not (Path(job.where).is_file() and path.is_file()):
         return None

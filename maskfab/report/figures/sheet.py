@@ -215,6 +215,14 @@ _SIDES: Mapping[str, tuple[int, int, int, Mapping[str, Any]]] = MappingProxyType
 """Outwards along x and y, the mark of a tick, and where a text has its place."""
 
 
+def open_field(axes: Axes) -> None:
+    """A faint grid behind what is drawn, and no frame above and on the right."""
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def scale(
     axes: Axes,
     side: str,

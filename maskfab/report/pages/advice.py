@@ -19,7 +19,7 @@ from markupsafe import Markup
 from pydantic import Field
 
 from maskfab.base import __version__
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import Place
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
@@ -35,7 +35,7 @@ from maskfab.report.documents.shape import Document, Part, Record, document_text
 from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
 from maskfab.report.pages.breaches import NOTHING
-from maskfab.report.pages.template import page_template, style
+from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import USEFUL_DB, short
 
 SCHEMA_VERSION = 1
@@ -546,8 +546,5 @@ def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
 def write_advice(place: Place, document: Record, files: Mapping[str, str], drawn: Mapping[str, str]) -> list[Path]:
     """Write the page, its numbers, and the job with its files into a directory that appears whole; return the paths."""
     text = document_text(document)
-    with staged(place) as folder:
-        for name, content in {**files, DOCUMENT: text, PAGE: advice_page(json.loads(text), drawn)}.items():
-            (folder / name).write_text(content, encoding="utf-8")
-        write_mark(folder, document["job_hash"])
-    return sorted(place.asked.iterdir())
+    texts = {**files, DOCUMENT: text, PAGE: advice_page(json.loads(text), drawn)}
+    return write_folder(place, texts, document["job_hash"])

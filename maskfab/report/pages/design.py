@@ -20,15 +20,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from maskfab.base import __version__
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import Place
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.designs.model.appraisal import Robustness, Varied, laid_picture
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, Account, Alternative, Alternatives, Prices
 from maskfab.mask.panels import shifted
 from maskfab.optics.tiling import orientations
 from maskfab.report.documents.shape import Record, document_text
-from maskfab.report.figures.sheet import INK, QUIET, Drawing, data_uri, img, place, png, styled
-from maskfab.report.pages.template import page_template, style
+from maskfab.report.figures.sheet import INK, Drawing, data_uri, img, open_field, place, png, styled
+from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import USEFUL_DB, by_level
 
 if TYPE_CHECKING:
@@ -387,10 +387,7 @@ def search_drawing(bettered: Sequence[Sequence[float]], last: int, value: str, j
         axes.plot(numbers, values, "o", color=INK, markersize=3)
     axes.set_xlabel(judged)
     axes.set_ylabel(value.split(", ", maxsplit=1)[0] + (" (dB)" if ", dB" in value else ""))
-    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    open_field(axes)
     numbers, values = zip(*bettered, strict=True)
     return Drawing(figure, f"{value}: {values[0]:.4g} at {numbers[0]}, {values[-1]:.4g} from {numbers[-1]} on")
 
@@ -559,8 +556,5 @@ DOCUMENT, PAGE = "design.json", "design.html"
 def write_design(place: Place, document: Record, files: Mapping[str, str]) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths."""
     text = document_text(document)
-    with staged(place) as folder:
-        for name, content in {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}.items():
-            (folder / name).write_text(content, encoding="utf-8")
-        write_mark(folder, document["job_hash"])
-    return sorted(place.asked.iterdir())
+    texts = {**files, DOCUMENT: text, PAGE: design_page(json.loads(text))}
+    return write_folder(place, texts, document["job_hash"])

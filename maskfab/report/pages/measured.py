@@ -7,7 +7,7 @@ one field each: the MTF with its band, beside what was designed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import Place
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import Entry, registered
 from maskfab.camera.frames.frame import PIXELS_OF
@@ -36,7 +36,7 @@ from maskfab.report.documents.die import DOCUMENT
 from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, place, styled
-from maskfab.report.pages.template import page_template, style
+from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import Quantities, quantity_document, short
 
 SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
@@ -305,7 +305,8 @@ def write_capture(place: Place, measured: Measured, document: Record, notes: Seq
         write_merged(measured.merged, folder / LIGHT, folder / SIGMA)
         write_fitted_psf(measured, folder / FITTED)
 
-    return write_measured(place, document, capture_page(measured, document, notes), write_light)
+    texts = {PAGE: capture_page(measured, document, notes), DOCUMENT: document_text(document)}
+    return write_folder(place, texts, document["job_hash"], write_light)
 
 
 _EDGE_LEFT, _EDGE_FOOT, _WIDE, _HIGH, _ACROSS, _UP, _LEGEND = 0.55, 0.85, 3.2, 2.4, 0.35, 0.35, 0.35
@@ -463,18 +464,7 @@ def edge_page(measured: MeasuredEdges, document: Document) -> str:
     )
 
 
-def write_measured(
-    place: Place, document: Mapping[str, Any], page: str, more: Callable[[Path], None] | None = None
-) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
-
-    Args:
-        more: writes other files into the folder that it is given.
-    """
-    with staged(place) as folder:
-        (folder / PAGE).write_text(page, encoding="utf-8")
-        (folder / DOCUMENT).write_text(document_text(document), encoding="utf-8")
-        if more is not None:
-            more(folder)
-        write_mark(folder, document["job_hash"])
-    return sorted(place.asked.iterdir())
+def write_edges(place: Place, measured: MeasuredEdges, document: Document) -> list[Path]:
+    """Write page and numbers into a directory that appears whole, and return the paths."""
+    texts = {PAGE: edge_page(measured, document), DOCUMENT: document_text(document)}
+    return write_folder(place, texts, document["job_hash"])

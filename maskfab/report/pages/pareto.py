@@ -23,14 +23,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from maskfab.base import __version__
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import Place
 from maskfab.designs.front import FrontPoint, JudgedOpening, Pareto, sought
 from maskfab.designs.front_designs import FrontDesign
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.die import MARKS
-from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, place, styled
+from maskfab.report.figures.sheet import INK, Drawing, bitmap, open_field, place, styled
 from maskfab.report.pages.design import (
     alternatives_document,
     alternatives_part,
@@ -39,7 +39,7 @@ from maskfab.report.pages.design import (
     prices_document,
     rules_part,
 )
-from maskfab.report.pages.template import page_template, style
+from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import by_level
 
 _LEFT, _FOOT, _WIDE, _HIGH, _GAP, _LEGEND = 0.6, 0.5, 3.4, 3.4, 0.2, 2.0
@@ -135,12 +135,9 @@ def _field(axes: Axes, pareto: Pareto, lines: int) -> None:
         axes.plot(x, y, "*", color=INK, markerfacecolor=filled, markersize=9, zorder=4, label=label)
         axes.annotate(f"{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
     axes.set_xlabel("area of each colour's emitter (% of the pixel)")
-    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
-    axes.set_axisbelow(True)
+    open_field(axes)
     axes.set_xlim(left, max(across) + room)
     axes.margins(y=0.08)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
 
 
 def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) -> None:
@@ -188,10 +185,7 @@ def _seen(axes: Axes, pareto: Pareto, rule: str, value: str, label: str) -> None
     axes.set_xlabel(label)
     axes.set_ylabel("gain over one opening (dB)")
     axes.set_xlim(left=0)
-    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    open_field(axes)
 
 
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
@@ -353,22 +347,24 @@ def table(pareto: Pareto, designs: Designs) -> str:
 
 def write_pareto(place: Place, pareto: Pareto, document: Record, designs: Designs) -> list[Path]:
     """Write everything, and its document, into a directory that appears whole, and return the paths."""
-    with staged(place) as folder:
-        for design in designs:
-            names = _files(design)
-            _text(folder / names["opening"], opening_text(design.opening))
-            if design.outer is not None:
-                _text(folder / names["outer"], opening_text(design.outer))
-            _text(folder / names["job"], design.job)
-            if design.map is not None:
-                _text(folder / names["map"], map_text(design.map))
-        _text(folder / TABLE, table(pareto, designs))
-        _text(folder / DRAWING, svg(pareto))
+    texts = {
+        TABLE: table(pareto, designs),
+        DRAWING: svg(pareto),
+        PAGE: pareto_page(pareto, designs, document),
+        DOCUMENT: document_text(document),
+    }
+    for design in designs:
+        names = _files(design)
+        texts |= {names["opening"]: opening_text(design.opening), names["job"]: design.job}
+        if design.outer is not None:
+            texts[names["outer"]] = opening_text(design.outer)
+        if design.map is not None:
+            texts[names["map"]] = map_text(design.map)
+
+    def write_figure(folder: Path) -> None:
         (folder / FIGURE).write_bytes(pareto_png(pareto))
-        _text(folder / PAGE, pareto_page(pareto, designs, document))
-        _text(folder / DOCUMENT, document_text(document))
-        write_mark(folder, document["job_hash"])
-    return sorted(place.asked.iterdir())
+
+    return write_folder(place, texts, document["job_hash"], write_figure)
 
 
 def _files(design: FrontDesign) -> dict[str, str]:
@@ -388,10 +384,6 @@ def _numbers(judged: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
         "expected_psnr_db": judged.value,
         "expected_psnr_by_level_db": by_level(levels, judged.psnr),
     }
-
-
-def _text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
 
 
 def front_lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Floats
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import Place
 from maskfab.base.model import Die, DieOptics
 from maskfab.base.quantities import columns
 from maskfab.base.units import dpi
@@ -31,9 +31,9 @@ from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures import sheet
 from maskfab.report.figures.die import MARKS, OKABE_ITO, mtf_comparison, panel_thumbnail
 from maskfab.report.figures.scene import tile
-from maskfab.report.figures.sheet import QUIET, Drawing, img, place, styled
+from maskfab.report.figures.sheet import Drawing, img, open_field, place, styled
 from maskfab.report.pages.tables import Line, Table
-from maskfab.report.pages.template import page_template, style
+from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import short
 
 _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
@@ -132,11 +132,8 @@ def _curve(axes: Axes, x: Sequence[float], y: Sequence[float], number: int, labe
 
 def _dress(axes: Axes, words: Sequence[object] | None, *, lowest: bool, title: str) -> None:
     axes.set_ylabel(title)
-    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
-    axes.set_axisbelow(True)
+    open_field(axes)
     axes.margins(x=0.06, y=0.1)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
     if words is not None:
         axes.set_xticks(range(len(words)), [str(word) for word in words], rotation=20, ha="right")
     axes.tick_params(labelbottom=lowest)
@@ -416,13 +413,13 @@ def write_study(place: Place, study: Study) -> list[Path]:
         drawn["scores"] = scores_figure(study)
     if study.optics:
         drawn["mtf"] = optics_figure(study)
-    with staged(place) as folder:
+
+    def write_drawings(folder: Path) -> None:
         for name, drawing in drawn.items():
             drawing.save(folder / f"{name}.svg")
-        (folder / PAGE).write_text(study_page(study), encoding="utf-8")
-        (folder / DOCUMENT).write_text(document_text(study_document(study)), encoding="utf-8")
-        write_mark(folder, study.plan.job.digest)
-    return sorted(place.asked.iterdir())
+
+    texts = {PAGE: study_page(study), DOCUMENT: document_text(study_document(study))}
+    return write_folder(place, texts, study.plan.job.digest, write_drawings)
 
 
 def _claim(claim: Claim) -> dict[str, Any]:

@@ -7,17 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from maskfab.base.folders import Place, staged, write_mark
 from maskfab.base.quantities import registered
 from maskfab.base.resources import template
 from maskfab.report.documents.numbers import Methods
 from maskfab.report.documents.shape import Record
 from maskfab.report.text import EXACT, rounded, short, value_and_error
+
+
+def write_folder(
+    place: Place, texts: Mapping[str, str], job_hash: str | None, more: Callable[[Path], None] = lambda _: None
+) -> list[Path]:
+    """Write texts by their names, and what ``more`` writes, into a directory that appears whole; return the paths."""
+    with staged(place) as folder:
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        more(folder)
+        write_mark(folder, job_hash)
+    return sorted(place.asked.iterdir())
 
 
 def page_environment(**filters: Callable[..., Any]) -> Environment:
