@@ -460,7 +460,7 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
             ({"parity": None}, {"manifest_parity"}),
             ({"plate": "OTHER"}, {"manifest_plate"}),
             ({"job_hash": "0" * 64}, {"manifest_job_hash"}),
-            ({"shop": "pog"}, {"paper", "profile"}),
+            ({"shop": "pog"}, {"package_folder", "paper", "profile"}),
             ({"drawn": ["nothing"]}, {"manifest_drawn"}),
             ({"drawing": float("nan")}, {"manifest_drawing"}),
             ({"schema_version": 1}, {"manifest_schema_version"}),
