@@ -34,15 +34,7 @@ from maskfab.mask.dots import die_edges_nm, die_raster, pixel_overlaps, smallest
 from maskfab.mask.formats.content import note_rounding
 from maskfab.mask.formats.format import Drawn, Format, Source
 from maskfab.mask.formats.tiff import said_by, shown_alike
-from maskfab.mask.layout import (
-    DBU_UM,
-    LeftOut,
-    check_file_size,
-    clear_shapes,
-    drawn_region,
-    layer_info,
-    note_left_out,
-)
+from maskfab.mask.layout import DBU_UM, LeftOut, check_file_size, clear_shapes, drawn_region, layer_info, note_left_out
 from maskfab.mask.raster import coverage
 from maskfab.mask.sandbox import damaged, missing
 

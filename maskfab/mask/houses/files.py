@@ -170,8 +170,8 @@ def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str
     findings = [edges.finding()]
     if offered is not None:
         listed = " ".join(map(str, sorted(offered)))
-        cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
-        findings.append(Finding("dpi", dpi in offered, edges.dpi, listed, "dpi", cure=cure))
+        cure = f'Set dpi = "{max(offered)} dpi" in [export]'
+        findings.append(Finding.judged("dpi", dpi in offered, edges.dpi, listed, "dpi", cure=cure))
     return sourced(findings, shop)
 
 

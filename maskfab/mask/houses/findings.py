@@ -65,6 +65,20 @@ class Finding:
     source: str = ""
     question: str = ""
 
+    @classmethod
+    def judged(
+        cls,
+        rule: str,
+        kept: bool,
+        value: float | str,
+        limit: float | str,
+        unit: str = "",
+        place: str = "",
+        cure: str = "",
+    ) -> Finding:
+        """A rule that is kept or broken; place and cure are told where it is broken alone."""
+        return cls(rule, kept, value, limit, unit, "" if kept else place, "" if kept else cure)
+
     @property
     def value_text(self) -> str:
         """Value and limit alone, without place and cure."""
@@ -275,12 +289,10 @@ def _of_files(
             question = f"Do you take {table.FORMATS[form].title} files? If not, which formats do you take?"
             yield Finding("format", None, form, None, cure=cure, question=question)
         else:
-            taken = form in formats
-            cure = "" if taken else f"Send {formats[0]}"
-            yield Finding("format", taken, form, " ".join(formats), cure=cure)
+            yield Finding.judged("format", form in formats, form, " ".join(formats), cure=f"Send {formats[0]}")
     tones, words = shop.order.tones, " ".join(shop.order.tones)
-    cure = "" if tone in tones else f'Set tone = "{tones[0]}" in [order], or choose another house'
-    yield Finding("tone", tone in tones, tone, words, cure=cure)
+    cure = f'Set tone = "{tones[0]}" in [order], or choose another house'
+    yield Finding.judged("tone", tone in tones, tone, words, cure=cure)
     if shop.accepts.drawing_unit is not None and any(name.startswith("dxf") for name in sent):
         unit = shop.accepts.drawing_unit  # drawings are made in it
         yield Finding("drawing_unit", True, unit, unit)
@@ -296,19 +308,14 @@ def _of_texts(shop: Shop, plate: Plate, sent: Sequence[ShopFormat], *, noted: bo
     if rules.allowed_in is not None:
         lettered = [form for form in texted if form not in rules.allowed_in]
         untexted = [form for form in formats or () if form not in texted]
-        yield Finding(
-            "text",
-            not lettered,
-            f"{'notes' if noted else 'one line'} in {' '.join(texted)}" if texted else "none",
-            f"in {' '.join(rules.allowed_in)}" if rules.allowed_in else "none",
-            cure=f"Send {untexted[0] if untexted else 'another format'}, in which all text is polygons"
-            if lettered
-            else "",
-        )
+        has = f"{'notes' if noted else 'one line'} in {' '.join(texted)}" if texted else "none"
+        taken = f"in {' '.join(rules.allowed_in)}" if rules.allowed_in else "none"
+        cure = f"Send {untexted[0] if untexted else 'another format'}, in which all text is polygons"
+        yield Finding.judged("text", not lettered, has, taken, cure=cure)
     if rules.charset is not None:
         strange = next((note.text for note in plate.notes if not note.text.isascii()), None) if noted else None
-        cure = "" if strange is None else "Rename what has such letters"
-        yield Finding("text_charset", strange is None, strange or "ascii", rules.charset, cure=cure)
+        cure = "Rename what has such letters"
+        yield Finding.judged("text_charset", strange is None, strange or "ascii", rules.charset, cure=cure)
     if rules.italic is False:
         yield Finding("text_style", True, "upright", "upright")
     if rules.separate_layer:
@@ -327,50 +334,48 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
         sides_nm = [inches * 25_400_000 for inches in sizes.blanks_in]
         fits = any(abs(plate.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
         offered = " ".join(f"{inches * UM_PER_INCH / UM_PER_MM:g}" for inches in sizes.blanks_in)
-        named = _templates(
-            lambda template: any(abs(template.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
+        cure = _by_template(
+            lambda template: any(abs(template.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm),
+            f'set plate.blank to "{sizes.blanks_in[0]:g} in" where the plate has no template',
         )
-        cure = "" if fits else f'{named}set plate.blank to "{sizes.blanks_in[0]:g} in" where the plate has no template'
-        yield Finding("blank", fits, blank_mm, offered, "mm", cure=cure and cure[0].upper() + cure[1:])
+        yield Finding.judged("blank", fits, blank_mm, offered, "mm", cure=cure)
     if sizes.largest_mm is not None:
         largest = min(sizes.largest_mm)
-        fits = blank_mm <= largest
-        named = _templates(lambda template: template.blank_nm <= largest * NM_PER_MM)
-        cure = "" if fits else f'{named}set plate.blank to at most "{largest:g} mm" where the plate has no template'
-        yield Finding("blank", fits, blank_mm, _by(sizes.largest_mm), "mm", cure=cure and cure[0].upper() + cure[1:])
+        without = f'set plate.blank to at most "{largest:g} mm" where the plate has no template'
+        cure = _by_template(lambda template: template.blank_nm <= largest * NM_PER_MM, without)
+        yield Finding.judged("blank", blank_mm <= largest, blank_mm, _by(sizes.largest_mm), "mm", cure=cure)
     x0, y0, x1, y1 = written_box(plate)
     if sizes.plot_area_mm is not None:
         area = sizes.plot_area_mm
         reach = 2 * max(-x0, x1) / NM_PER_MM, 2 * max(-y0, y1) / NM_PER_MM
         fits = reach[0] <= area[0] and reach[1] <= area[1]
-        named = _templates(lambda template: template.writable_nm <= min(area) * NM_PER_MM)
-        cure = f'{named}set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
-        place = "" if fits else _spanned((x0, y0, x1, y1))
-        cure = "" if fits else cure[0].upper() + cure[1:]
-        yield Finding("plot_area", fits, _by(reach), _by(area), "mm", place, cure)
+        without = f'set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
+        cure = _by_template(lambda template: template.writable_nm <= min(area) * NM_PER_MM, without)
+        yield Finding.judged("plot_area", fits, _by(reach), _by(area), "mm", _spanned((x0, y0, x1, y1)), cure)
     asked = extent_nm(shop)
     if asked is not None:
         yield extent(spanned or (x0, y0, x1, y1), asked)
     if shop.limits.max_coordinate_mm is not None:
         farthest = max(abs(x0), abs(y0), abs(x1), abs(y1)) / NM_PER_MM
-        fits = farthest <= shop.limits.max_coordinate_mm
-        cure = "" if fits else "Use a smaller plate"
-        yield Finding("coordinates", fits, farthest, shop.limits.max_coordinate_mm, "mm", cure=cure)
+        most = shop.limits.max_coordinate_mm
+        yield Finding.judged("coordinates", farthest <= most, farthest, most, "mm", cure="Use a smaller plate")
 
 
 def extent(box_nm: Box, asked_nm: tuple[int, int]) -> Finding:
     """Whether a box, of a plate or of everything in a file, is what a drawing must span, centred on the plate."""
     x0, y0, x1, y1 = box_nm
     fits = (x1 - x0, y1 - y0) == asked_nm and (x0, y0) == (-asked_nm[0] // 2, -asked_nm[1] // 2)
-    cure = "" if fits else "Use smaller or fewer dies: marks for the corners are added by the package"
+    cure = "Use smaller or fewer dies: marks for the corners are added by the package"
     width, height = (x1 - x0) / NM_PER_MM, (y1 - y0) / NM_PER_MM
     limit = _by((asked_nm[0] / NM_PER_MM, asked_nm[1] / NM_PER_MM))
-    return Finding("extent", fits, _by((width, height)), limit, "mm", "" if fits else _spanned(box_nm), cure)
+    return Finding.judged("extent", fits, _by((width, height)), limit, "mm", _spanned(box_nm), cure)
 
 
-def _templates(fits: Callable[[PlateTemplate], bool]) -> str:
+def _by_template(fits: Callable[[PlateTemplate], bool], otherwise: str) -> str:
+    """A cure: one of the templates that fit, or what to do without one."""
     named = [f'"{name}"' for name in template_names() if fits(plate_template(name))]
-    return f"set plate.template to {' or '.join(named)}, or " if named else ""
+    cure = f"set plate.template to {' or '.join(named)}, or {otherwise}" if named else otherwise
+    return cure[0].upper() + cure[1:]
 
 
 def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
@@ -380,9 +385,9 @@ def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
         yield _within("chrome", blank.chrome_nm, chrome, "nm", cure)
     if glass is not None:
         thickness = None if blank.glass_nm is None else blank.glass_nm / NM_PER_MM
-        named = _templates(lambda template: glass[0] <= template.thickness / 1000 <= glass[1])
-        cure = f"{named}set order.thickness to {span_text(glass)} mm, if the plate may be of such glass"
-        yield _within("glass", thickness, glass, "mm", cure[0].upper() + cure[1:])
+        without = f"set order.thickness to {span_text(glass)} mm, if the plate may be of such glass"
+        cure = _by_template(lambda template: glass[0] <= template.thickness / 1000 <= glass[1], without)
+        yield _within("glass", thickness, glass, "mm", cure)
 
 
 def span_text(limits: tuple[float, float]) -> str:
@@ -395,8 +400,7 @@ def _within(rule: str, value: float | None, limits: tuple[float, float], unit: s
     limit = span_text(limits)
     if value is None:
         return Finding(rule, None, "not stated by the job", f"{limit} {unit}", cure="State it in the order")
-    fits = limits[0] - 1e-9 <= value <= limits[1] + 1e-9
-    return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
+    return Finding.judged(rule, limits[0] - 1e-9 <= value <= limits[1] + 1e-9, value, limit, unit, cure=cure)
 
 
 def _of_features(
@@ -554,8 +558,8 @@ def _of_figures(
     )  # fmt: skip
     for rule, most, count, unit, cure, place in bounds:
         if most is not None:
-            fits = (value := count()) <= most
-            yield Finding(rule, fits, value, most, unit, "" if fits else place(), "" if fits else cure)
+            kept = (value := count()) <= most
+            yield Finding.judged(rule, kept, value, most, unit, "" if kept else place(), cure)
     if outlines.self_crossing is False:
         yield Finding("self_crossing", True, "none", "none")
     if outlines.self_touching is not None:

@@ -295,11 +295,11 @@ def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
     for key, offered in _CHOICES if spec.order is not None else ():
         wish, kinds = getattr(spec.order, key), getattr(shop.offers, offered)
         if wish is not None and kinds is not None:
-            cure = "" if wish in kinds else f'Set order.{key} = "{kinds[0]}", or choose another house'
-            yield Finding(f"order_{key}", wish in kinds, wish, ", ".join(kinds), cure=cure)
+            cure = f'Set order.{key} = "{kinds[0]}", or choose another house'
+            yield Finding.judged(f"order_{key}", wish in kinds, wish, ", ".join(kinds), cure=cure)
     if spec.order is not None and spec.order.bias == "house" and shop.offers.biased is not None:
-        cure = "" if shop.offers.biased else 'Set order.bias = "none", or choose another house'
-        yield Finding("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
+        cure = 'Set order.bias = "none", or choose another house'
+        yield Finding.judged("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
     # Where a house makes its bias good by itself, the job's process may not have one too.
     stated = None if spec.order is None else spec.order.bias
     biased = shop.order.default.bias == "house" and spec.process is not None and spec.process.cd_bias_um
@@ -315,7 +315,7 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
         return
     if order.quantity is not None and offers.most is not None:
         fits, cure = order.quantity <= offers.most, f"Order at most {offers.most:g}"
-        yield Finding("order_quantity", fits, order.quantity, offers.most, "plates", cure="" if fits else cure)
+        yield Finding.judged("order_quantity", fits, order.quantity, offers.most, "plates", cure=cure)
     if order.thickness is not None and shop.plate.glass_mm is not None:
         yield _between("thickness", order.thickness / UM_PER_MM, shop.plate.glass_mm, "mm")
     least = max(shop.limits.min_feature_um or 0, shop.limits.min_space_um or 0)
@@ -331,8 +331,8 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
     if order.cd is not None and order.cd.feature is not None:
         widths = [gauge.target_nm / NM_PER_UM for gauge in plate.gauges if gauge.name == order.cd.feature]
         listed = ", ".join(sorted(gauge.name for gauge in plate.gauges)) or "none"
-        cure = "" if widths else f"The plate's CD structures are {listed}"
-        yield Finding("order_cd_feature", bool(widths), order.cd.feature, listed, cure=cure)
+        cure = f"The plate's CD structures are {listed}"
+        yield Finding.judged("order_cd_feature", bool(widths), order.cd.feature, listed, cure=cure)
     if order.cd is not None and order.cd.tolerance is not None and widths:
         promised = [deviation for width, deviation in shop.tolerance.cd_um if min(widths) <= width]
         if promised:
@@ -340,16 +340,15 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
 
 
 def _least(key: str, wish: float, best_um: float) -> Finding:
-    fits = wish >= best_um - 1e-9
-    cure = "" if fits else f'Ask for "{best_um:g} um" or more in order.{key}, or choose another house'
-    return Finding(f"order_{key}", fits, wish, best_um, "um", cure=cure)
+    cure = f'Ask for "{best_um:g} um" or more in order.{key}, or choose another house'
+    return Finding.judged(f"order_{key}", wish >= best_um - 1e-9, wish, best_um, "um", cure=cure)
 
 
 def _between(key: str, wish: float, limits: tuple[float, float], unit: str) -> Finding:
     fits = limits[0] - 1e-9 <= wish <= limits[1] + 1e-9
     limit = span_text(limits)
-    cure = "" if fits else f"Set order.{key} to {limit} {unit}".rstrip() + ", or choose another house"
-    return Finding(f"order_{key}", fits, wish, limit, unit, cure=cure)
+    cure = f"Set order.{key} to {limit} {unit}".rstrip() + ", or choose another house"
+    return Finding.judged(f"order_{key}", fits, wish, limit, unit, cure=cure)
 
 
 _KINDS: Mapping[str, tuple[str, ...]] = {

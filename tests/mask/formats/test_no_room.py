@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ from sweeps import sweep
 
 from maskfab.base.errors import OutputError
 from maskfab.base.folders import write_bytes
-from maskfab.mask.figures import draw
+from maskfab.base.model import Die, Plate
+from maskfab.mask.figures import Figures, draw
 from maskfab.mask.formats.cif import write_cif
 from maskfab.mask.formats.dxf_writer import write_dxf
 from maskfab.mask.formats.exr import write_exr, write_png
@@ -43,9 +45,35 @@ def light():
     return np.random.default_rng(0).random((96, 96, 3))
 
 
-def zipped(folder: Path) -> Callable[[Path], None]:
-    (folder / "x.bin").write_bytes(np.random.default_rng(0).bytes(200_000))
-    return lambda path: write_package(path, folder, ["x.bin"], "x")
+@dataclass(frozen=True)
+class Things:
+    plate: Plate
+    figures: Figures
+    die: Die
+    folder: Path
+
+
+WRITERS: dict[str, tuple[str, Callable[[Things, Path], object]]] = {
+    "gdsii": (".gds", lambda of, path: write_gdsii(of.figures.layout(), path)),
+    "oasis": (".oas", lambda of, path: write_oasis(of.figures.layout(), path)),
+    "dxf_r12": (".dxf", lambda of, path: write_dxf(of.figures, path, "R12")),
+    "dxf_r2010": (".dxf", lambda of, path: write_dxf(of.figures, path, "R2010")),
+    "gerber": (".gbr", lambda of, path: write_gerber(of.figures, path)),
+    "cif": (".cif", lambda of, path: write_cif(of.figures, path)),
+    "svg": (".svg", lambda of, path: write_svg(of.figures, path)),
+    "png": (".png", lambda of, path: write_picture(of.plate, path, 0.25, die=of.die.name)),
+    "tiff": (".tif", lambda of, path: write_picture(of.plate, path, 1.0, die=of.die.name)),
+    "picture": (".png", lambda of, path: write_png(light(), path)),
+    "exr": (".exr", lambda of, path: write_exr(light(), path, {})),
+    "step": (".step", lambda of, path: write_step(of.die, path)),
+    "plate_step": (".step", lambda of, path: write_plate_step(of.plate, path)),
+    "glb": (".glb", lambda of, path: write_glb(of.die, path)),
+    "3mf": (".3mf", lambda of, path: write_3mf(of.die, path)),
+    "stl": (".stl", lambda of, path: write_stl(of.die, path)),
+    "zip": (".zip", lambda of, path: write_package(path, of.folder, ["x.bin"], "x")),
+    "bytes": (".json", lambda of, path: write_bytes(path, bytes(100_000))),
+}
+"""Of all that write a whole file of their own its suffix, and how they are asked for one."""
 
 
 @dataclass(frozen=True)
@@ -54,41 +82,18 @@ class Case:
     write: Callable[[Path], object]
 
 
-def cases(plate, aside: Path) -> dict[str, Case]:
-    """What writes a whole file of its own."""
-    figures, die = draw(plate), plate.dies[1]
-    return {
-        "gdsii": Case(".gds", lambda path: write_gdsii(figures.layout(), path)),
-        "oasis": Case(".oas", lambda path: write_oasis(figures.layout(), path)),
-        "dxf_r12": Case(".dxf", lambda path: write_dxf(figures, path, "R12")),
-        "dxf_r2010": Case(".dxf", lambda path: write_dxf(figures, path, "R2010")),
-        "gerber": Case(".gbr", lambda path: write_gerber(figures, path)),
-        "cif": Case(".cif", lambda path: write_cif(figures, path)),
-        "svg": Case(".svg", lambda path: write_svg(figures, path)),
-        "png": Case(".png", lambda path: write_picture(plate, path, 0.25, die=die.name)),
-        "tiff": Case(".tif", lambda path: write_picture(plate, path, 1.0, die=die.name)),
-        "picture": Case(".png", lambda path: write_png(light(), path)),
-        "exr": Case(".exr", lambda path: write_exr(light(), path, {})),
-        "step": Case(".step", lambda path: write_step(die, path)),
-        "plate_step": Case(".step", lambda path: write_plate_step(plate, path)),
-        "glb": Case(".glb", lambda path: write_glb(die, path)),
-        "3mf": Case(".3mf", lambda path: write_3mf(die, path)),
-        "stl": Case(".stl", lambda path: write_stl(die, path)),
-        "zip": Case(".zip", zipped(aside)),
-        "bytes": Case(".json", lambda path: write_bytes(path, bytes(100_000))),
-    }
-
-
-NAMES = (
-    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg", "png", "tiff", "picture", "exr", "step",
-    "plate_step", "glb", "3mf", "stl", "zip", "bytes",
-)  # fmt: skip
-
-
 @pytest.fixture(scope="module")
-def writers(tmp_path_factory) -> dict[str, Case]:
-    folder = tmp_path_factory.mktemp("writers")
-    return cases(load_job(write_job(folder)).plate(), folder)
+def things(tmp_path_factory) -> Things:
+    folder = tmp_path_factory.mktemp("things")
+    (folder / "x.bin").write_bytes(np.random.default_rng(0).bytes(200_000))
+    plate = load_job(write_job(folder)).plate()
+    return Things(plate, draw(plate), plate.dies[1], folder)
+
+
+@pytest.fixture(params=WRITERS)
+def case(request, things) -> Case:
+    suffix, write = WRITERS[request.param]
+    return Case(suffix, partial(write, things))
 
 
 @contextmanager
@@ -139,27 +144,21 @@ def killed_script(limit: int, script: str, *arguments: object) -> subprocess.Com
     return subprocess.run(words, check=False, timeout=120, capture_output=True)
 
 
-def test_every_writer_is_tried(writers):
-    assert tuple(writers) == NAMES
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_two_writes_are_byte_identical_and_none_is_begun_without_a_folder(writers, tmp_path, name):
-    case = writers[name]
+def test_two_writes_are_byte_identical_and_quiet_and_none_is_begun_without_a_folder(case, tmp_path, capfd):
     for stem in ("one", "other"):
         case.write(tmp_path / f"{stem}{case.suffix}")
     written = listing(tmp_path)
     assert len(written) == 2
     assert len(set(written.values())) == 1
+    assert capfd.readouterr().out == ""
     with pytest.raises(OutputError, match="MF401"):
         case.write(tmp_path / "none" / f"x{case.suffix}")
     assert listing(tmp_path) == written
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_full_disk_is_told_and_leaves_nothing(writers, tmp_path, name):
+def test_a_full_disk_is_told_and_leaves_nothing(case, tmp_path):
     """Full from the start, half-way, and at the last byte, which many programs notice only when they close the file."""
-    case, path = writers[name], tmp_path / f"x{writers[name].suffix}"
+    path = tmp_path / f"x{case.suffix}"
     case.write(path)
     size = path.stat().st_size
     path.unlink()
@@ -170,13 +169,12 @@ def test_a_full_disk_is_told_and_leaves_nothing(writers, tmp_path, name):
         assert listing(tmp_path) == {}, limit
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_writer_that_is_killed_half_way_leaves_the_old_file(writers, tmp_path, name):
-    case, path = writers[name], tmp_path / f"x{writers[name].suffix}"
+def test_a_writer_that_is_killed_half_way_leaves_the_old_file(case, tmp_path):
+    path = tmp_path / f"x{case.suffix}"
     case.write(path)
     size = path.stat().st_size
     path.write_bytes(b"old")
-    if name == "exr":  # whose library waits for its threads, which a fork has not
+    if case.suffix == ".exr":  # whose library waits for its threads, which a fork has not
         assert killed_script(size // 2, EXR, path).returncode == -signal.SIGXFSZ
     else:
         assert killed_at(size // 2, lambda: case.write(path)) == -signal.SIGXFSZ

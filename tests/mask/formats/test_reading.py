@@ -172,16 +172,6 @@ def test_a_reference_to_a_cell_that_is_lacking_is_refused(tmp_path):
     assert refusal(path) == "MF303"
 
 
-def test_a_cell_that_contains_itself_is_refused(tmp_path):
-    library = gdstk.Library()
-    one, two = library.new_cell("ONE"), library.new_cell("TWO")
-    one.add(gdstk.Reference(two))
-    two.add(gdstk.Reference(one))
-    path = tmp_path / "x.gds"
-    library.write_gds(path)
-    assert refusal(path) == "MF303"
-
-
 @pytest.mark.parametrize(
     ("units", "side_nm"), [(13, 1500), (4, 1_500_000), (1, 38_100_000), (5, 15_000_000), (0, 1500), (12, 2)]
 )

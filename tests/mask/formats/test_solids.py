@@ -206,16 +206,6 @@ def test_centres_are_measured_from_the_slots_middle():
 
 
 @pytest.mark.parametrize("format_", WRITERS)
-def test_two_writes_are_byte_identical_and_quiet(small_plate, tmp_path, capfd, format_):
-    one, other = tmp_path / f"one.{format_}", tmp_path / f"other.{format_}"
-    for path in (one, other):
-        WRITERS[format_](small_plate.dies[2], path, ["job 0123"])
-    assert one.read_bytes() == other.read_bytes()
-    assert capfd.readouterr().out == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == [one.name, other.name]
-
-
-@pytest.mark.parametrize("format_", WRITERS)
 def test_a_cell_without_chrome_is_refused(tmp_path, format_):
     die = die_of(Opening("bare", np.ones((3, 3), dtype=np.bool_), 8000), [[0, 1]])
     with pytest.raises(OutputError, match=r"MF410.*bare.*export\.formats"):

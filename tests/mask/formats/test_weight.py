@@ -54,8 +54,9 @@ def test_a_film_is_made_once_for_the_formats_that_share_it(die, monkeypatch):
     assert len(made) == 3
 
 
-def test_a_3mf_that_is_not_plain_is_read_by_trimesh(die, tmp_path):
+def test_a_3mf_that_is_not_plain_is_read_by_trimesh(small_plate, tmp_path):
     """The same meshes, whose elements do not stand a line each."""
+    die = small_plate.dies[1]
     plain, other = tmp_path / "plain.3mf", tmp_path / "other.3mf"
     mesh.write_3mf(die, plain)
     with zipfile.ZipFile(plain) as source, zipfile.ZipFile(other, "w") as target:

@@ -17,6 +17,7 @@ import pytest
 from house_plates import taken_as
 from klayout import db
 from once import figures_in_words
+from repacking import members, of_manifest, repacked
 from small_job import command, listing, with_the_die, write_job
 from sweeps import sweep
 
@@ -239,28 +240,6 @@ def test_a_hole_that_the_file_lacks_is_told_by_the_package_and_by_the_file(capsy
 # --- damage ----------------------------------------------------------------------------------------------------------
 
 
-def members(package: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(package) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def repacked(package: Path, target: Path, edit, *, honest: bool = False) -> Path:
-    """The package with every member's content changed by ``edit``; None leaves it out, honest hashes are true again."""
-    held = {name: edit(name, content) for name, content in members(package).items()}
-    held = {name: content for name, content in held.items() if content is not None}
-    (manifest,) = (name for name in held if name.endswith("/manifest.json"))
-    if honest:
-        document = json.loads(held[manifest])
-        for row in document["files"]:
-            content = held[f"{manifest.partition('/')[0]}/{row['path']}"]
-            row["sha256"], row["bytes"] = hashlib.sha256(content).hexdigest(), len(content)
-        held[manifest] = json.dumps(document).encode()
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in held.items():
-            archive.writestr(name, content)
-    return target
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> tuple[Path, Path]:
     """A job and its package in GDSII."""
@@ -331,12 +310,8 @@ def test_every_member_that_is_changed_missing_or_added_is_named(capsys, whole, t
 
 
 def test_a_package_without_its_manifest_is_none(capsys, whole, tmp_path):
-    path = tmp_path / "q.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, content in members(whole[1]).items():
-            if not name.endswith("manifest.json"):
-                archive.writestr(name, content)
-    assert told(capsys, path) == (2, "MF422")
+    without = lambda name, content: None if name.endswith("manifest.json") else content  # noqa: E731
+    assert told(capsys, repacked(whole[1], tmp_path / "q.zip", without)) == (2, "MF422")
 
 
 HOSTILE_NAMES = [
@@ -392,15 +367,9 @@ def test_a_member_that_says_less_than_it_holds_is_refused(capsys, whole, tmp_pat
     "path", sweep(["../p.zip", "/etc/hostname", "SMALL_ualberta_mla150/order.txt", ".", "", "x\x00y"], 2)
 )
 def test_a_manifest_that_lists_other_places_reaches_none(capsys, whole, tmp_path, path):
-    def listed(name: str, content: bytes) -> bytes:
-        if not name.endswith("manifest.json"):
-            return content
-        document = json.loads(content)
-        document["files"].append({"path": path, "format": "gdsii", "sha256": "0" * 64, "bytes": 1})
-        return json.dumps(document).encode()
-
     job, package = whole
-    forged = repacked(package, tmp_path / "q.zip", listed)
+    row = {"path": path, "format": "gdsii", "sha256": "0" * 64, "bytes": 1}
+    forged = repacked(package, tmp_path / "q.zip", of_manifest(lambda document: document["files"].append(row)))
     options = ("--against", job, "--shop", "ualberta_mla150") if path == "../p.zip" else ()
     assert told(capsys, forged, *options) == (1, f"SHA-256 of {path}")
 
@@ -447,14 +416,7 @@ def exchanged(file: str, old: bytes, new: bytes):
 
 def stated(**said: object):
     """An edit of what the manifest says; None takes a fact away."""
-
-    def edit(name: str, content: bytes) -> bytes:
-        if not name.endswith("manifest.json"):
-            return content
-        document = {**json.loads(content), **said}
-        return json.dumps({key: value for key, value in document.items() if value is not None}).encode()
-
-    return edit
+    return of_manifest(lambda held: {key: value for key, value in {**held, **said}.items() if value is not None})
 
 
 FORGED_PAPERS = {
@@ -480,24 +442,11 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
     """Taken out, or put in, with a manifest that agrees."""
     _, package = whole
 
-    def lists(edit):
-        return lambda name, content: (
-            json.dumps(edit(json.loads(content))).encode() if name.endswith("manifest.json") else content
-        )
-
-    def without(document):
-        return {**document, "files": [row for row in document["files"] if row["path"] != "order.txt"]}
-
-    lacking = repacked(package, tmp_path / "a.zip", lists(without))
-    held = {name: content for name, content in members(lacking).items() if not name.endswith("order.txt")}
-    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
-        for name, content in held.items():
-            archive.writestr(name, content)
-    assert told(capsys, tmp_path / "b.zip") == (1, "SHA-256 of order.txt as its job and profile make it")
+    without = lambda name, content: None if name.endswith("order.txt") else content  # noqa: E731
+    lacking = repacked(package, tmp_path / "b.zip", without, honest=True)
+    assert told(capsys, lacking) == (1, "SHA-256 of order.txt as its job and profile make it")
     row = {"path": "more.txt", "format": "paper", "bytes": 4, "sha256": hashlib.sha256(b"more").hexdigest()}
-    more = repacked(
-        package, tmp_path / "c.zip", lists(lambda document: {**document, "files": document["files"] + [row]})
-    )
+    more = repacked(package, tmp_path / "c.zip", of_manifest(lambda document: document["files"].append(row)))
     with zipfile.ZipFile(more, "a") as archive:
         archive.writestr("SMALL_ualberta_mla150/more.txt", b"more")
     assert told(capsys, more) == (1, "more.txt: no package of this job holds it")
@@ -511,7 +460,7 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
             ({"parity": None}, {"manifest_parity"}),
             ({"plate": "OTHER"}, {"manifest_plate"}),
             ({"job_hash": "0" * 64}, {"manifest_job_hash"}),
-            ({"shop": "pog"}, {"paper", "profile"}),
+            ({"shop": "pog"}, {"package_folder", "paper", "profile"}),
             ({"drawn": ["nothing"]}, {"manifest_drawn"}),
             ({"drawing": float("nan")}, {"manifest_drawing"}),
             ({"schema_version": 1}, {"manifest_schema_version"}),

@@ -19,7 +19,7 @@ from maskfab.base.errors import OutputError
 from maskfab.base.files import partial, stale
 from maskfab.base.folders import check_file, check_target, put_back, staged, times_text, write_text
 
-SWAPS = Path(__file__).parents[2] / "swaps.py"
+SWAPS = Path(__file__).parents[1] / "swaps.py"
 
 
 @pytest.fixture(scope="module", params=[3, pytest.param(1, marks=pytest.mark.slow)], ids=["every third", "every"])

@@ -7,7 +7,7 @@ from klayout import lay
 
 from maskfab.base.model import LAYERS, OUTLINE
 
-TABLE = Path(__file__).parents[3] / "export_templates" / "layers.lyp"
+TABLE = Path(__file__).parents[2] / "export_templates" / "layers.lyp"
 
 
 def test_the_layer_table_agrees_with_the_model():
