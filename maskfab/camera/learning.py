@@ -535,7 +535,7 @@ class Run:
                 look = max(look, self.clock.spent - spent, 1e-9)
                 over = over or self.clock.spent + step + look > seconds
                 losses.clear()
-                progress(told(self.history[-1]), LOOKS if over else looks, LOOKS)
+                progress(row_words(self.history[-1]), LOOKS if over else looks, LOOKS)
                 if over:
                     return checkpoint
 
@@ -559,7 +559,7 @@ class Run:
         return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
 
 
-def told(row: Mapping[str, float]) -> str:
+def row_words(row: Mapping[str, float]) -> str:
     """A row of a history in words."""
     gains = f"{row['gain']:+.2f} dB over tv, {row['gain_over_filter']:+.2f} dB over dct+wiener"
     return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"

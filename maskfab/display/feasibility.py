@@ -44,8 +44,8 @@ from maskfab.display.emitter_rules import (
     grid_of,
 )
 from maskfab.display.evenness import Evenness, evenness
+from maskfab.display.eye_and_life import EyeAndLife, Judgement, judgement
 from maskfab.display.free_area import Borders, borders, meetings
-from maskfab.display.limits import EyeAndLife, Judgement, judgement
 from maskfab.display.panel_lines import PanelLines
 from maskfab.display.pixel_lines import WireRules
 from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander

@@ -15,7 +15,6 @@ from once import leaves
 from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError
 from maskfab.camera.frames.frame import Frame, read_frame
-from maskfab.camera.lens import lay
 from maskfab.camera.photo import Stated, read_photo
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import lit
@@ -30,6 +29,7 @@ from maskfab.camera.sensor import (
     told,
     told_gains,
 )
+from maskfab.camera.stop_cells import lay
 from maskfab.job.camera import Sensor
 
 FLAT = np.full((3, 160, 160), 0.3, dtype=np.float32)

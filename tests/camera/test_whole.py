@@ -12,12 +12,12 @@ import pytest
 from maskfab.base.errors import JobError
 from maskfab.camera import imaging, scores, sensor
 from maskfab.camera import scenes as photographs
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.restorers import wiener
 from maskfab.camera.scenes import Photograph, folder, scene
 from maskfab.camera.scores import Truth, psnr
 from maskfab.camera.sensor import poisson_quantile, record_light
+from maskfab.camera.stop_cells import lay
 from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import write_png
 from maskfab.optics import colour
