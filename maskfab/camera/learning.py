@@ -125,13 +125,13 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 
 
 def kept_for_validation(
-    photographs: Sequence[Photograph], count: int, *, lamps: bool = False
+    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
     """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
 
     The last photograph is kept where there are several.
     """
-    held_back = [drawn(_FIRST - 1 - k, 3 * k, lamps=lamps) for k in range(count)]
+    held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return held_back, photographs
     return [*held_back, photographs[-1]], photographs[:-1]
