@@ -61,6 +61,7 @@ from maskfab.job.sections import (
     LooksSection,
     WiresSection,
 )
+from maskfab.job.values import Section
 from maskfab.mask.job import Job, check_die_grid
 from maskfab.mask.panels import parse_map
 from maskfab.optics.colour import luminance_centroid
@@ -111,14 +112,7 @@ class DisplayRules:
             what = "keep = 1 leaves no room for several pieces, which have less area than whole emitters"
             cure = 'Set keep = 0.75, or remove pieces = "several"'
             raise JobError("MF105", what, where=f"{where}: emitters.keep", cure=cure)
-        gap, colour, width = (
-            to_nm(value, where=f"{where}: emitters.{name}", name=name)
-            for name, value in (
-                ("gap_to_opening", section.gap_to_opening),
-                ("colour_gap", section.colour_gap),
-                ("min_width", section.min_width),
-            )
-        )
+        gap, colour, width = _nm(section, f"{where}: emitters", "gap_to_opening", "colour_gap", "min_width")
         aspect = float("inf") if section.max_aspect is None else section.max_aspect
         rules = EmitterRules(gap, colour, width, section.ratio, section.required, aspect)
         asked = light or LightSection()
@@ -334,33 +328,28 @@ def _used(panel: Panel) -> tuple[int, ...]:
     return tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
 
 
+def _nm(section: Section, where: str, *names: str) -> tuple[int, ...]:
+    """Lengths of a section in whole nanometres."""
+    return tuple(to_nm(getattr(section, name), where=f"{where}.{name}", name=name) for name in names)
+
+
 def _demand(section: WiresSection, where: str) -> WireDemand:
     line, transparent = (
         0 if value is None else even_nm(value, where=f"{where}: wires.{name}", name=name)
         for name, value in (("line", section.line), ("transparent", section.transparent))
     )
-    space, clearance = (
-        to_nm(value, where=f"{where}: wires.{name}", name=name)
-        for name, value in (("space", section.space), ("clearance", section.clearance))
-    )
+    space, clearance = _nm(section, f"{where}: wires", "space", "clearance")
     return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
 
 
 def _boxes(section: CircuitsSection, where: str) -> BoxRules:
-    kinds = tuple(
-        BoxKind(
-            box.name,
-            to_nm(box.width, where=f"{where}: circuits.boxes[{number}].width", name="width"),
-            to_nm(box.height, where=f"{where}: circuits.boxes[{number}].height", name="height"),
-            box.count,
-        )
-        for number, box in enumerate(section.boxes)
-    )
-    gap, to_opening = (
-        to_nm(value, where=f"{where}: circuits.{name}", name=name)
-        for name, value in (("gap", section.gap), ("gap_to_opening", section.gap_to_opening))
-    )
-    return BoxRules(kinds, gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
+    where = f"{where}: circuits"
+    kinds = []
+    for number, box in enumerate(section.boxes):
+        width, height = _nm(box, f"{where}.boxes[{number}]", "width", "height")
+        kinds.append(BoxKind(box.name, width, height, box.count))
+    gap, to_opening = _nm(section, where, "gap", "gap_to_opening")
+    return BoxRules(tuple(kinds), gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
 
 
 def _given(panel: Panel) -> Emitters | None:

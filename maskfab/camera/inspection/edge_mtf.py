@@ -494,15 +494,15 @@ def frame_edges(
 
 def _light(frame: Frame, colour: Colour) -> tuple[Floats, Grid, float]:
     """Counts above black of one colour, where they lie, and from where on they are clipped."""
-    own = [(each, black) for each, black in zip(frame.lattices, frame.black, strict=True) if each.colour == colour]
-    clipped_at = frame.white - max(black for _, black in own)
-    (first, black), *others = own
+    own = [(place, lattice) for place, lattice in enumerate(frame.lattices) if lattice.colour == colour]
+    clipped_at = frame.white - max(frame.black[place] for place, _ in own)
+    (first, lattice), *others = own
     if not others:
-        return first.of(frame.counts).astype(np.float64) - black, Grid(first.first, first.step), clipped_at
+        return frame.signal(first), Grid(lattice.first, lattice.step), clipped_at
     # The two greens of a mosaic together have twice the places across an edge that either has.
     values = np.full(frame.shape, np.nan)
-    for lattice, level in own:
-        lattice.of(values)[...] = lattice.of(frame.counts).astype(np.float64) - level
+    for place, lattice in own:
+        lattice.at(values)[...] = frame.signal(place)
     return values, WHOLE, clipped_at
 
 
