@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -181,8 +182,16 @@ RISING_V, AT_MA_PER_CM2 = 1.5, 10.0
 of its voltage (Mott and Gurney, 1940)."""
 
 
-def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
-    """Light at equal current density, and at equal luminance life and power, of emitters over those of a reference.
+class Lives(NamedTuple):
+    """A display over its reference: its light at equal current density, and at equal luminance life and power."""
+
+    luminance: float
+    life: float
+    power: float
+
+
+def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
+    """Light, life and power of emitters beside those of a reference.
 
     Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
@@ -190,4 +199,4 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
-    return left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply
+    return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)

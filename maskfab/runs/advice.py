@@ -114,7 +114,7 @@ def _living(spec: JobSpec, section: SearchSection, where: str) -> JobSpec:
         return spec
     share = emitters.required or _LESS_EMITTER
     red, green, blue = (share * ratio for ratio in rules.emitters.ratio)
-    (_, life, _), limit = lives(rules.light, (red, green, blue), reference.shares), rules.eye.lives.life or DEFAULT_LIFE
+    life, limit = lives(rules.light, (red, green, blue), reference.shares).life, rules.eye.lives.life or DEFAULT_LIFE
     least = math.ceil(1e4 * share * (limit / life) ** (1 / rules.light.ageing_exponent)) / 1e4
     if least <= emitters.required or 3 * least >= 1:
         return spec
