@@ -59,6 +59,11 @@ class CircuitRules:
     shared_by: int = 1
     min_width_nm: int = 8000
 
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.need_um2) and self.need_um2 > 0):
+            what = f"a circuit of {self.need_um2:g} um^2 is not positive"
+            raise JobError("MF104", what, where="emitters.circuit", cure="Give an area above 0")
+
     @property
     def pixel_need_um2(self) -> float:
         return self.need_um2 * self.circuits / self.shared_by

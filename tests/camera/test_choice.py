@@ -230,7 +230,7 @@ def test_the_noise_of_what_a_record_tells_is_known():
     scene = leaves(1, 192, 208).values
     light, clean = margin.sensor(scene), np.maximum(margin.blurred(scipy.fft.rfft2(scene), Halo().on((192, 208))), 0)
     off = [0, 0.02 * draws(light.shape), scipy.ndimage.gaussian_filter(light, (0, 2, 2)) - light]
-    for seed in range(100, 112):
+    for seed in range(100, 116):
         draw = np.random.default_rng(seed)
         noise = np.sqrt(NOISE.variance(clean)) * draw.standard_normal(clean.shape, dtype=np.float32)
         judge = Judge.of(Record(clean + noise, NOISE), Halo(), draw, WIDTH)
