@@ -305,7 +305,6 @@ class Trade:
     """The die, camera and light that a network is trained behind.
 
     Attributes:
-        images: names of the photographs, none where scenes were drawn alone.
         transfer: H of the die at some frequencies.
     """
 

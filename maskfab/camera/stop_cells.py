@@ -46,7 +46,6 @@ class PhotoCamera:
 
     Attributes:
         stop: alike under the eight elements of D4, as the cells are turned and mirrored.
-        pixel_um: side of a pixel, which is sensitive all over.
         wavelengths_nm: the longest first; three are red, green and blue.
 
     Raises:
@@ -345,7 +344,6 @@ class OpenStop:
     Attributes:
         table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle; complex behind a lens whose
             phase is not the same turned by 180 degrees.
-        per_cycle: lag in dots that belongs to one cycle per pixel.
         whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
     """
 

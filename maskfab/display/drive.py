@@ -50,7 +50,6 @@ class CircuitRules:
     Attributes:
         need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
             BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
-        shared_by: pixels that share one circuit between them, in turn.
         min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
     """
 
@@ -76,7 +75,6 @@ class Room:
     Attributes:
         area_um2: room at least as wide as asked.
         closed_um2: all of it, however narrow.
-        certificate: why they do not fit; None where the area is enough (which does not lay them out).
     """
 
     area_um2: float

@@ -77,7 +77,6 @@ class DisplayRules:
 
     Attributes:
         keep: share of the largest footprint that a placement with better centred light must have.
-        circuit: area for drive circuits; a bound, which does not count where boxes are stated.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
     """
 
@@ -151,8 +150,6 @@ class Feasibility:
 
     Attributes:
         share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
-        broken: rules that its polygons break, measured by KLayout; empty where all is well.
-        room: for the circuits of a pixel together, by area.
         circuits: their boxes in their places; None where no boxes are stated, and the area decides.
         own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
             no multiple of the cells of emitters that came with the opening.

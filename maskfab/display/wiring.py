@@ -136,7 +136,6 @@ class WireDemand:
     """Wires required by the display maker.
 
     Attributes:
-        lines: that must cross every pixel along x, and along y.
         transparent_nm: width of a transparent wire along each axis; 0 for none.
     """
 

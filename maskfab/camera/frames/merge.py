@@ -268,8 +268,6 @@ class Merged:
     Places are int64 [n, 2], row and column in the files.
 
     Attributes:
-        planes: one, three, or the four of a mosaic.
-        corner: row and column of the files that is pixel (0, 0).
         hot: places that dark frames tell as hot; not valid.
         disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
             valid.

@@ -134,7 +134,6 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     """Row and column of the brightest spot, that of undiffracted light, within some pixels.
 
     Args:
-        frames: a stack; long exposures tell faint light, short ones what is brightest in it.
         side: pixels of the crop that is to be taken about it.
 
     Raises:

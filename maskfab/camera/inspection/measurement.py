@@ -112,7 +112,6 @@ def measured(
     """Measure a die from exposures of a point light behind it.
 
     Args:
-        merged: exposures, cropped about the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
 

@@ -89,8 +89,6 @@ class Judge:
     """A part of a record for restorers, and the rest that judges their pictures of it; all are [3, rows, columns].
 
     Attributes:
-        left: pixels at each edge that are not shown.
-        inverse: G, at the margin's frequencies.
         pilot: p, of the whole record.
         evidence: G (y₂ - H p), of the whole record.
     """
@@ -236,8 +234,6 @@ class Choice:
     """Restores every photograph by the best of several restorers.
 
     Attributes:
-        seed: of the noise that parts the record, and of the imagined record's.
-        width: pixels by which the record is mirrored beyond its edges to judge.
         coded: errors are those of sRGB code values, as where light is coded before it is shown; otherwise of light.
     """
 
