@@ -26,6 +26,7 @@ from maskfab.camera.frames.frame import Frame
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.causes import Cause
 from maskfab.camera.inspection.die_image import DieImage, Setting
+from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
     Fit,
@@ -39,7 +40,6 @@ from maskfab.camera.inspection.fit import (
 )
 from maskfab.camera.inspection.identity import Hypothesis, Identified, identified
 from maskfab.camera.inspection.measurement import measured
-from maskfab.camera.inspection.verdict import Answer, Promise
 from maskfab.job.camera import Camera
 from maskfab.mask.job import load_job
 from maskfab.optics.spectrum import Spectrum, line_spectrum

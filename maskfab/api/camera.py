@@ -210,7 +210,7 @@ class Camera:
         return self.wavelengths
 
     def __repr__(self) -> str:
-        from maskfab.camera.lens import camera_line
+        from maskfab.camera.stop_cells import camera_line
 
         return f"<Camera: {camera_line(self.model)}>"
 

@@ -371,8 +371,8 @@ def _rendering(
 ) -> Rendering:
     from maskfab.display.emitted_light import emitters_of, has_emitters
     from maskfab.display.eye import FEWEST_PIXELS, judge, target_pictures
+    from maskfab.display.eye_and_life import EyeAndLife
     from maskfab.display.feasibility import display_rules, displays, map_sizes
-    from maskfab.display.limits import EyeAndLife
     from maskfab.display.looks import field_of
     from maskfab.display.pictures import read_picture
 

@@ -26,7 +26,7 @@ from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
 from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
 from maskfab.base.workers import Workers
-from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.design import (
     capture_settings,
     check_possible,

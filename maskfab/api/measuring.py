@@ -24,6 +24,7 @@ from maskfab.camera.blur import stand_named, stand_words
 from maskfab.camera.frames.frame import Colour, Frame, Source, read_frame, read_frames
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
+from maskfab.camera.inspection.die_verdict import Answer, Promise, Verdict
 from maskfab.camera.inspection.edge_mtf import (
     EdgeDesign,
     Light,
@@ -35,7 +36,6 @@ from maskfab.camera.inspection.edge_mtf import (
 )
 from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.measurement import Measured, light_of, measured, seen_light
-from maskfab.camera.inspection.verdict import Answer, Promise, Verdict
 from maskfab.camera.sensor import counted
 from maskfab.findings.optics import sees_mirrored
 from maskfab.job.camera import Sensor

@@ -225,8 +225,8 @@ class Opening(model.Opening):
         """
         from maskfab.api.camera import protocol_f1
         from maskfab.camera import scenes
-        from maskfab.camera.lens import PhotoCamera, camera_line
         from maskfab.camera.scenes import folder
+        from maskfab.camera.stop_cells import PhotoCamera, camera_line
         from maskfab.designs.search.scan import reduced_opening, require_count
 
         if tiling not in ("random", "periodic"):

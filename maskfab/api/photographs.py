@@ -25,12 +25,12 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera import scenes as surroundings
 from maskfab.camera.die_transfer import by_sentence
 from maskfab.camera.imaging import LARGE, Design
-from maskfab.camera.lens import camera_line
 from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Score, ScoreTable, Shot, truth_of
+from maskfab.camera.stop_cells import camera_line
 from maskfab.findings.photographs import (
     LEARNED,
     Conditions,
@@ -337,10 +337,10 @@ class Learning(Result):
         }
 
     def __str__(self) -> str:
-        from maskfab.camera.learning import told
+        from maskfab.camera.learning import row_words
 
         checkpoint = self.checkpoint
-        rows = [f"{row['minutes']:6.1f} min: {told(row)}" for row in checkpoint.history]
+        rows = [f"{row['minutes']:6.1f} min: {row_words(row)}" for row in checkpoint.history]
         skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
         return "\n".join(
             [

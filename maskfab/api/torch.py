@@ -42,9 +42,9 @@ from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, parse_pitch_um
-from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
 from maskfab.camera.sensor import ELECTRONS, LEVELS
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.job.camera import Camera as Lens
 from maskfab.job.die import check_lens, check_pupil, check_window
 from maskfab.mask.panels import CellMap, check_cover

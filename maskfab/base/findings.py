@@ -242,7 +242,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding(
         "displays",
         (Need.PANEL, Need.DISPLAY),
-        ("display.feasibility.feasibility", "display.limits.judgement"),
+        ("display.feasibility.feasibility", "display.eye_and_life.judgement"),
         sweep="runs.sweep_cases.display",
         gives=(
             *("display_fits", "led_footprint", "circuit_room", "flat_delta_e_mean", "grain_slow", "edge_fringe"),

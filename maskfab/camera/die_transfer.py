@@ -34,7 +34,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.camera.imaging import Isoplanatic, Transfer
-from maskfab.camera.lens import COLOURS
+from maskfab.camera.stop_cells import COLOURS
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Glass, MaskBlank
 from maskfab.optics.gap import (

@@ -125,13 +125,13 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 
 
 def kept_for_validation(
-    photographs: Sequence[Photograph], count: int, *, lamps: bool = False
+    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
     """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
 
     The last photograph is kept where there are several.
     """
-    held_back = [drawn(_FIRST - 1 - k, 3 * k, lamps=lamps) for k in range(count)]
+    held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return held_back, photographs
     return [*held_back, photographs[-1]], photographs[:-1]
@@ -305,7 +305,6 @@ class Trade:
     """The die, camera and light that a network is trained behind.
 
     Attributes:
-        images: names of the photographs, none where scenes were drawn alone.
         transfer: H of the die at some frequencies.
     """
 
@@ -535,7 +534,7 @@ class Run:
                 look = max(look, self.clock.spent - spent, 1e-9)
                 over = over or self.clock.spent + step + look > seconds
                 losses.clear()
-                progress(told(self.history[-1]), LOOKS if over else looks, LOOKS)
+                progress(row_words(self.history[-1]), LOOKS if over else looks, LOOKS)
                 if over:
                     return checkpoint
 
@@ -559,7 +558,7 @@ class Run:
         return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
 
 
-def told(row: Mapping[str, float]) -> str:
+def row_words(row: Mapping[str, float]) -> str:
     """A row of a history in words."""
     gains = f"{row['gain']:+.2f} dB over tv, {row['gain_over_filter']:+.2f} dB over dct+wiener"
     return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"

@@ -397,8 +397,6 @@ class RestoredPhoto:
     Attributes:
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
-        restorer: that was used, or two with their shares.
-        epsilon: strength of its prior, of two that of the larger share.
     """
 
     name: str
@@ -430,7 +428,6 @@ class RestoredPhoto:
 
         Args:
             won: by the restorer that was chosen, in units of each colour's own white.
-            colours: by a chart; None for those of the photograph.
         """
         sentences = photo.told
         if colours is not None:

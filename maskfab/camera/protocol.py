@@ -257,6 +257,10 @@ def _check(
         protocol.exposure(level)
     for scene in (*test, *tuning):
         protocol.check(scene)
+    for design in designs:
+        if not 0 < design.transmission <= 1:
+            what = f"the design passes {design.transmission:g} of the stop's light; it must be above 0 and at most 1"
+            raise JobError("MF104", what, where=design.name, cure="Open some dots inside the stop")
 
 
 def _known(

@@ -90,7 +90,6 @@ class Noise:
 
     Attributes:
         electrons: of white, g.
-        read_noise: its standard deviation, in electrons.
         step: of the converter, in electrons; 0 for none.
     """
 

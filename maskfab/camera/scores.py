@@ -200,7 +200,6 @@ class Score:
 
     Attributes:
         level_db: signal-to-noise ratio of white behind the published display.
-        ssim: of the whole frame; NaN where nobody asked for it.
         delta_e, delta_e_inner: mean colour difference of S-CIELAB, NaN likewise; about 2.3 is just noticeable.
         chosen: restorer that was chosen, where ``restorer`` says that one was.
         drawn: whether PSNR and ε are of one draw of the noise; otherwise of the mean over it, see

@@ -255,7 +255,7 @@ def in_decibels(levels: Sequence[float]) -> str:
     )
 
 
-def told(sensor: Sensor) -> str:
+def sensor_words(sensor: Sensor) -> str:
     """A sensor in words."""
     converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
     mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"

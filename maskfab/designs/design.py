@@ -18,10 +18,10 @@ from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
 from maskfab.camera.sensor import stated_light
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.maps.light import most_dots, shares
 from maskfab.designs.maps.shares import require_outer
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread

@@ -30,8 +30,8 @@ from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.base.workers import EVERY_CORE, Workers
-from maskfab.camera.lens import F1, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, PhotoCamera, lattice
 from maskfab.designs.design import densest, require_closed
 from maskfab.designs.maps.light import SIDE, Graded, Middle, clustered, graded, laid, middles
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map

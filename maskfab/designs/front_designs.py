@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from maskfab.base.model import Opening
-from maskfab.camera.lens import F1, PhotoCamera
+from maskfab.camera.stop_cells import F1, PhotoCamera
 from maskfab.designs.front import FrontPoint, Pareto, sought
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
 from maskfab.designs.search.result import Facts, by_level, camera_facts, origin

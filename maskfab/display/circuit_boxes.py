@@ -14,7 +14,6 @@ class BoxKind:
 
     Attributes:
         width_nm, height_nm: sides, contacts included.
-        count: how many one circuit has.
     """
 
     name: str

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -49,7 +50,6 @@ class CircuitRules:
     Attributes:
         need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
             BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
-        shared_by: pixels that share one circuit between them, in turn.
         min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
     """
 
@@ -57,6 +57,11 @@ class CircuitRules:
     circuits: int = 3
     shared_by: int = 1
     min_width_nm: int = 8000
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.need_um2) and self.need_um2 > 0):
+            what = f"a circuit of {self.need_um2:g} um^2 is not positive"
+            raise JobError("MF104", what, where="emitters.circuit", cure="Give an area above 0")
 
     @property
     def pixel_need_um2(self) -> float:
@@ -70,7 +75,6 @@ class Room:
     Attributes:
         area_um2: room at least as wide as asked.
         closed_um2: all of it, however narrow.
-        certificate: why they do not fit; None where the area is enough (which does not lay them out).
     """
 
     area_um2: float
@@ -181,8 +185,16 @@ RISING_V, AT_MA_PER_CM2 = 1.5, 10.0
 of its voltage (Mott and Gurney, 1940)."""
 
 
-def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
-    """Light at equal current density, and at equal luminance life and power, of emitters over those of a reference.
+class Lives(NamedTuple):
+    """A display over its reference: its light at equal current density, and at equal luminance life and power."""
+
+    luminance: float
+    life: float
+    power: float
+
+
+def lives(light: LightDemand, shares: Triple, reference: Triple) -> Lives:
+    """Light, life and power of emitters beside those of a reference.
 
     Equal luminance takes equal current, for efficacies do not fall with its density. So power is as the voltage of the
     supply, which serves all colours and is that of the densest current: 5 V + 1.5 V (J / 10 mA/cm²)^½.
@@ -190,4 +202,4 @@ def lives(light: LightDemand, shares: Triple, reference: Triple) -> Triple:
     densest, usual = (max(current_density(light, areas)) for areas in (shares, reference))
     supply, usual_supply = (FIXED_V + RISING_V * math.sqrt(j / AT_MA_PER_CM2) for j in (densest, usual))
     left = min(own / other for own, other in zip(shares, reference, strict=True))
-    return left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply
+    return Lives(left, relative_life(densest, usual, light.ageing_exponent), supply / usual_supply)

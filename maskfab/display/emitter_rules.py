@@ -52,7 +52,6 @@ class EmitterGrid:
 
     Attributes:
         cells: along a side of the area that holds dots (the pixel less its gutter).
-        gutter_nm: opaque space between the dots of neighbouring pixels.
         to_opening, colour_gap, min_width: the rules in cells.
     """
 

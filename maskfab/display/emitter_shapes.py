@@ -383,7 +383,7 @@ class _Cuts:
     def __init__(self, squares: Squares, ratio: Ratio) -> None:
         self.squares = squares
         self.ratio = ratio
-        self._areas: dict[Window, int] = {}
+        self._seen: dict[Window, tuple[int, int]] = {}
 
     def best(self) -> tuple[float, Shapes]:
         """The best over all cuts, and its shapes; 0 if there is none."""
@@ -411,21 +411,13 @@ class _Cuts:
     def every(self, least: float, most: int) -> Iterator[Shapes]:
         """Pairs of cuts whose three shapes have the least area each, thinned out to so many places per cut."""
         n = self.squares.cells
-        seen: dict[Window, int] = {}
-
-        def shape(window: Window) -> int:
-            if window not in seen:
-                seen[window] = self.squares.largest(self.squares.window(*window) & self.squares.free)
-                self._areas[window] = self.squares.area(seen[window])
-            return seen[window]
 
         def places(window: Window, axis: int) -> list[tuple[Window, Window]]:
             low, high = window[2 * axis] + 1, window[2 * axis + 1] - 1
             both = [_cut(window, axis, cut, self.squares.gap) for cut in range(low, high + 1)]
 
             def large(side: Window) -> bool:
-                shape(side)
-                return self._areas[side] >= least
+                return self._area(side) >= least
 
             # A part that grows cannot lose area: both conditions hold on one side of some place.
             first = bisect.bisect_left(both, True, key=lambda sides: large(sides[0]))
@@ -438,18 +430,21 @@ class _Cuts:
                 for alone, rest, seconds in ((lower, upper, (0, 1)), (upper, lower, (1 - axis,))):
                     for second in seconds:
                         for one, other in places(rest, second):
-                            yield shape(alone), shape(one), shape(other)
+                            yield self._shapes((alone, one, other))
+
+    def _largest(self, window: Window) -> tuple[int, int]:
+        """The largest shape in a window, and its area."""
+        if window not in self._seen:
+            shape = self.squares.largest(self.squares.window(*window) & self.squares.free)
+            self._seen[window] = shape, self.squares.area(shape)
+        return self._seen[window]
 
     def _shapes(self, windows: tuple[Window, Window, Window]) -> Shapes:
-        a, b, c = (self.squares.largest(self.squares.window(*window) & self.squares.free) for window in windows)
+        a, b, c = (self._largest(window)[0] for window in windows)
         return a, b, c
 
     def _area(self, window: Window) -> int:
-        area = self._areas.get(window)
-        if area is None:
-            squares = self.squares
-            area = self._areas[window] = squares.area(squares.largest(squares.window(*window) & squares.free))
-        return area
+        return self._largest(window)[1]
 
     def _three(
         self, order: tuple[int, ...], axis: int, single_last: bool, seconds: tuple[int, ...], above: float

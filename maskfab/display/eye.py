@@ -269,7 +269,6 @@ class PictureView:
     Attributes:
         seen: linear light [y, x, 3] as it appears to the eye, row 0 the lowest, for a reader to look at.
         reference: the same of an ideal display.
-        delta_e_95: its 95th percentile.
         delta_e_aligned: its mean after the reference moved by the mean centroid of the pixels.
         fringe: largest difference in a* and b* after that move.
     """

@@ -44,8 +44,8 @@ from maskfab.display.emitter_rules import (
     grid_of,
 )
 from maskfab.display.evenness import Evenness, evenness
+from maskfab.display.eye_and_life import EyeAndLife, Judgement, judgement
 from maskfab.display.free_area import Borders, borders, meetings
-from maskfab.display.limits import EyeAndLife, Judgement, judgement
 from maskfab.display.panel_lines import PanelLines
 from maskfab.display.pixel_lines import WireRules
 from maskfab.display.placement import LargestGap, centred, footprint, largest_gap, wander
@@ -61,6 +61,7 @@ from maskfab.job.sections import (
     LooksSection,
     WiresSection,
 )
+from maskfab.job.values import Section
 from maskfab.mask.job import Job, check_die_grid
 from maskfab.mask.panels import parse_map
 from maskfab.optics.colour import luminance_centroid
@@ -76,7 +77,6 @@ class DisplayRules:
 
     Attributes:
         keep: share of the largest footprint that a placement with better centred light must have.
-        circuit: area for drive circuits; a bound, which does not count where boxes are stated.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
     """
 
@@ -111,14 +111,7 @@ class DisplayRules:
             what = "keep = 1 leaves no room for several pieces, which have less area than whole emitters"
             cure = 'Set keep = 0.75, or remove pieces = "several"'
             raise JobError("MF105", what, where=f"{where}: emitters.keep", cure=cure)
-        gap, colour, width = (
-            to_nm(value, where=f"{where}: emitters.{name}", name=name)
-            for name, value in (
-                ("gap_to_opening", section.gap_to_opening),
-                ("colour_gap", section.colour_gap),
-                ("min_width", section.min_width),
-            )
-        )
+        gap, colour, width = _nm(section, f"{where}: emitters", "gap_to_opening", "colour_gap", "min_width")
         aspect = float("inf") if section.max_aspect is None else section.max_aspect
         rules = EmitterRules(gap, colour, width, section.ratio, section.required, aspect)
         asked = light or LightSection()
@@ -157,8 +150,6 @@ class Feasibility:
 
     Attributes:
         share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
-        broken: rules that its polygons break, measured by KLayout; empty where all is well.
-        room: for the circuits of a pixel together, by area.
         circuits: their boxes in their places; None where no boxes are stated, and the area decides.
         own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
             no multiple of the cells of emitters that came with the opening.
@@ -334,33 +325,28 @@ def _used(panel: Panel) -> tuple[int, ...]:
     return tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
 
 
+def _nm(section: Section, where: str, *names: str) -> tuple[int, ...]:
+    """Lengths of a section in whole nanometres."""
+    return tuple(to_nm(getattr(section, name), where=f"{where}.{name}", name=name) for name in names)
+
+
 def _demand(section: WiresSection, where: str) -> WireDemand:
     line, transparent = (
         0 if value is None else even_nm(value, where=f"{where}: wires.{name}", name=name)
         for name, value in (("line", section.line), ("transparent", section.transparent))
     )
-    space, clearance = (
-        to_nm(value, where=f"{where}: wires.{name}", name=name)
-        for name, value in (("space", section.space), ("clearance", section.clearance))
-    )
+    space, clearance = _nm(section, f"{where}: wires", "space", "clearance")
     return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
 
 
 def _boxes(section: CircuitsSection, where: str) -> BoxRules:
-    kinds = tuple(
-        BoxKind(
-            box.name,
-            to_nm(box.width, where=f"{where}: circuits.boxes[{number}].width", name="width"),
-            to_nm(box.height, where=f"{where}: circuits.boxes[{number}].height", name="height"),
-            box.count,
-        )
-        for number, box in enumerate(section.boxes)
-    )
-    gap, to_opening = (
-        to_nm(value, where=f"{where}: circuits.{name}", name=name)
-        for name, value in (("gap", section.gap), ("gap_to_opening", section.gap_to_opening))
-    )
-    return BoxRules(kinds, gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
+    where = f"{where}: circuits"
+    kinds = []
+    for number, box in enumerate(section.boxes):
+        width, height = _nm(box, f"{where}.boxes[{number}]", "width", "height")
+        kinds.append(BoxKind(box.name, width, height, box.count))
+    gap, to_opening = _nm(section, where, "gap", "gap_to_opening")
+    return BoxRules(tuple(kinds), gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
 
 
 def _given(panel: Panel) -> Emitters | None:

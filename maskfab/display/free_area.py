@@ -149,7 +149,6 @@ class Squares:
 
     Attributes:
         width: w, side of a square in cells.
-        gap: least gap between squares of different shapes, in cells.
         stride: bits per row; more than n, so that nothing spreads from one row into the next.
         free: all places in which a square fits.
         edge: the squares that forbid places to other shapes beyond those around them: through a neighbouring pixel.

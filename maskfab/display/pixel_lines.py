@@ -144,7 +144,6 @@ class Ports:
     """Ports at which the lines of any two pixels of a panel meet.
 
     Attributes:
-        places: dots along a side, ascending.
         exact: whether no larger set exists; otherwise the count is a lower bound.
     """
 

@@ -48,7 +48,6 @@ def footprint(
     rules: EmitterRules,
     *,
     largest: bool = False,
-    seed: int = 0,
 ) -> Footprint:
     """The largest three emitters that were found behind an opening, and a bound that none exceeds.
 
@@ -65,13 +64,11 @@ def footprint(
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid is too fine.
     """
     grid = grid_of(opening, dot_nm, gutter_nm, rules)
-    return _footprint(opening.mask.tobytes(), grid, tuple(orientations), rules, largest, seed)
+    return _footprint(opening.mask.tobytes(), grid, tuple(orientations), rules, largest)
 
 
 @lru_cache(maxsize=16)
-def _footprint(
-    dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: EmitterRules, largest: bool, seed: int
-) -> Footprint:
+def _footprint(dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: EmitterRules, largest: bool) -> Footprint:
     """Answer about the dots of an opening; dies of one opening ask for the same."""
     mask = np.frombuffer(dots, np.bool_).reshape(grid.cells // grid.per_dot, -1)
     cell = (grid.cell_nm / grid.pitch_nm) ** 2
@@ -97,9 +94,7 @@ def _footprint(
         enough = math.inf if largest else needed - _ROUNDING
         # With neighbours to look at, a move on a grid twice as fine takes four times as long.
         moves = round(_MOVES * min(1, (42 / grid.cells) ** 2)) if margin else _MOVES
-        crooked, shapes = polish(
-            widest, grid, rules.ratio, labels, orientations=used, moves=moves, seed=seed, enough=enough
-        )
+        crooked, shapes = polish(widest, grid, rules.ratio, labels, orientations=used, moves=moves, enough=enough)
         if crooked > best:
             best, labels, method = crooked, shapes, "crooked borders"
     # A bound may be computed by floating point: what was found is never above it.

@@ -32,9 +32,8 @@ def turned_grain(
     viewing: Viewing,
     *,
     elements: Iterable[int] = range(ORIENTATIONS),
-    highest_cpd: float = SLOW_CPD,
 ) -> float:
-    """rms luminance contrast up to a frequency, of a white field of pixels that each draw one of the elements.
+    """rms luminance contrast, as slow grain, of a white field of pixels that each draw one of the elements.
 
     Args:
         emitters: of a pixel; colours without area send nothing.
@@ -45,7 +44,7 @@ def turned_grain(
     n = len(weights)
     places = (np.arange(n) + 0.5) / n - 0.5
     nodes, steps = gauss_legendre(_RADII)
-    highest = highest_cpd / viewing.pixels_per_degree
+    highest = SLOW_CPD / viewing.pixels_per_degree
     radius, step = highest * (nodes + 1) / 2, highest * steps / 2
     angle = 2 * math.pi * np.arange(_ANGLES) / _ANGLES
     x, y = (radius[:, None] * part for part in (np.cos(angle), np.sin(angle)))

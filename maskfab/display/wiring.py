@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import scipy
@@ -20,7 +19,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, Polygon, Track
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, Proof, Verdict
-from maskfab.display.panel_lines import AXES, PanelLines, panel_cut, panel_lines
+from maskfab.display.panel_lines import AXES, Axis, PanelLines, panel_cut, panel_lines
 from maskfab.display.pixel_lines import (
     DIRECTIONS,
     Direction,
@@ -90,9 +89,6 @@ def _reach(closed: Mask, start: Mask, colour: int, dot_nm: int) -> Reach:
     return Reach(colour, None, Certificate(Proof.FLOW, statement, {"dots": float(len(before))}, island, dot_nm))
 
 
-Axis = Literal["x", "y"]
-
-
 _AXES: dict[Direction, Axis] = {"vertical": "y", "horizontal": "x"}
 
 
@@ -140,7 +136,6 @@ class WireDemand:
     """Wires required by the display maker.
 
     Attributes:
-        lines: that must cross every pixel along x, and along y.
         transparent_nm: width of a transparent wire along each axis; 0 for none.
     """
 

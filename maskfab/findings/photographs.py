@@ -22,15 +22,14 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.die_transfer import DieTransfer, die_transfer, left_out
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design
-from maskfab.camera.lens import F1 as F1_CAMERA
-from maskfab.camera.lens import PhotoCamera, camera_line, laid_panel
 from maskfab.camera.protocol import ASSUMED, AUTO, F1, PAPER, WIENER, Protocol, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.restorers import named
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import CONFIDENCE, MEAN_OVER_NOISE, Crop, Gain, Score, ScoreTable, Shot, truth_of
-from maskfab.camera.sensor import LEVELS, in_decibels, picked_gains, stated_light, told_gains
-from maskfab.camera.sensor import told as sensor_told
+from maskfab.camera.sensor import LEVELS, in_decibels, picked_gains, sensor_words, stated_light, told_gains
+from maskfab.camera.stop_cells import F1 as F1_CAMERA
+from maskfab.camera.stop_cells import PhotoCamera, camera_line, laid_panel
 from maskfab.job.camera import Camera, Sensor
 from maskfab.job.process import MaskBlank
 from maskfab.job.reference import USES, Keys, unused
@@ -181,7 +180,7 @@ class Conditions:
         )
         return (
             f"protocol {self.protocol.name}: {camera_line(self.camera)}",
-            f"sensor: {sensor_told(self.protocol.sensor)}",
+            f"sensor: {sensor_words(self.protocol.sensor)}",
             f"light: {self.stated}; {scenes}",
             *([gains] if (gains := told_gains(self.protocol.sensor, self.levels)) else []),
             *self._published,

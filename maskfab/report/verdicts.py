@@ -16,8 +16,8 @@ from maskfab.base.model import Quantity
 from maskfab.base.quantities import Subject, registered
 from maskfab.display.drive import BY_AREA
 from maskfab.display.emitter_rules import Verdict
+from maskfab.display.eye_and_life import Limited, kept
 from maskfab.display.feasibility import Feasibility
-from maskfab.display.limits import Limited, kept
 
 FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
 """Verdicts on displays, by name."""

@@ -25,19 +25,19 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.base.workers import EVERY_CORE
 from maskfab.camera.imaging import Design
-from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import MeanDifference
 from maskfab.camera.sensor import Exposure
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.design import capture_settings, check_possible, design, scenes_of, section_of, stated_display
 from maskfab.designs.search.held import start_of
 from maskfab.designs.search.question import Judges
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.designs.search.scan import scanned
 from maskfab.display.drive import lives
+from maskfab.display.eye_and_life import DEFAULT_LIFE
 from maskfab.display.feasibility import PlateWithDisplays, displays
-from maskfab.display.limits import DEFAULT_LIFE
 from maskfab.findings import photographs
 from maskfab.findings.optics import plate_as_seen
 from maskfab.findings.photographs import (
@@ -114,7 +114,7 @@ def _living(spec: JobSpec, section: SearchSection, where: str) -> JobSpec:
         return spec
     share = emitters.required or _LESS_EMITTER
     red, green, blue = (share * ratio for ratio in rules.emitters.ratio)
-    (_, life, _), limit = lives(rules.light, (red, green, blue), reference.shares), rules.eye.lives.life or DEFAULT_LIFE
+    life, limit = lives(rules.light, (red, green, blue), reference.shares).life, rules.eye.lives.life or DEFAULT_LIFE
     least = math.ceil(1e4 * share * (limit / life) ** (1 / rules.light.ageing_exponent)) / 1e4
     if least <= emitters.required or 3 * least >= 1:
         return spec

@@ -19,13 +19,13 @@ from maskfab.base.processes import Call
 from maskfab.base.work import Progress, one_thread
 from maskfab.base.workers import Workers
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera.lens import PhotoCamera, lattice
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.statistics import CaptureSettings, scene_statistics
 from maskfab.designs.rules.display_fit import Footprints
 from maskfab.display.emitter_rules import Verdict
+from maskfab.display.eye_and_life import judgement
 from maskfab.display.feasibility import display_rules, feasibility, map_sizes
-from maskfab.display.limits import judgement
 from maskfab.findings.as_written import measure_written, written_psf_quantities
 from maskfab.findings.display import display_quantities
 from maskfab.findings.photographs import Conditions, Photographs, Surroundings, photograph_die

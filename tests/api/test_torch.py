@@ -12,8 +12,8 @@ import torch
 import maskfab as mf
 from maskfab.base.errors import InputError, JobError
 from maskfab.base.model import Opening, Panel, Tiling, orient
-from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import bundled
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.descent import panel_optics
 from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.descent.objective import Autocorrelation, tiled_stop

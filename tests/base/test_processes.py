@@ -21,7 +21,7 @@ from maskfab.base import machine, workers
 from maskfab.base.errors import InputError, InternalError, JobError
 from maskfab.base.processes import ALONE, Call, ProcessExecutor, SerialExecutor, Task, read_only
 from maskfab.base.workers import Workers
-from maskfab.camera.lens import lattice
+from maskfab.camera.stop_cells import lattice
 from maskfab.mask.job import load_job
 from maskfab.runs.stages import executor_of
 

@@ -15,7 +15,6 @@ from once import leaves
 from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError
 from maskfab.camera.frames.frame import Frame, read_frame
-from maskfab.camera.lens import lay
 from maskfab.camera.photo import Stated, read_photo
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import lit
@@ -26,10 +25,11 @@ from maskfab.camera.sensor import (
     picked_gains,
     poisson_quantile,
     record_light,
+    sensor_words,
     stated_light,
-    told,
     told_gains,
 )
+from maskfab.camera.stop_cells import lay
 from maskfab.job.camera import Sensor
 
 FLAT = np.full((3, 160, 160), 0.3, dtype=np.float32)
@@ -84,7 +84,7 @@ def test_without_a_converter_no_gain_is_picked_and_facts_are_those_before():
     assert told_gains(Sensor(), (24,)) == ""
     before = {"full_well": 15506.0, "read_noise": 4.87, "bits": None, "black_level": 0, "mosaic": "none"}
     assert Sensor().facts == before
-    assert told(Sensor()) == "full well 15506 electrons, read noise 4.87 electrons"
+    assert sensor_words(Sensor()) == "full well 15506 electrons, read noise 4.87 electrons"
 
 
 @settings(max_examples=40, deadline=None)
@@ -161,7 +161,7 @@ def test_a_stated_gain_lowers_the_light_that_is_held():
     assert "3876.5 electrons" in words
     with pytest.raises(JobError, match=r"MF141.*largest code at a gain of 4 is 3876.5.*less gain"):
         Exposure.of_white(4000, sensor)
-    assert "analog gain 4 (ISO 400)" in told(sensor)
+    assert "analog gain 4 (ISO 400)" in sensor_words(sensor)
 
 
 def test_a_picked_gain_is_told_with_its_levels():

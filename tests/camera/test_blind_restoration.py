@@ -56,14 +56,14 @@ def designed(die):
 
 
 @cache
-def spread(die, scale=1.0, turn=0.0, waves=0.0):
-    """The true PSF of three colours, [3, PIXELS, PIXELS], the sum of each 1; two samples along a pixel to turn it."""
+def spread(die, scale=1.0, turn=0.0, waves=0.0, pixels=PIXELS):
+    """The true PSF of three colours, [3, pixels, pixels], the sum of each 1; two samples along a pixel to turn it."""
     optics = [
         Optics(
             2000.0,
             1e4 * scale,
             2.0 if turn else 4.0,
-            2 * PIXELS if turn else PIXELS,
+            2 * pixels if turn else pixels,
             {line: 1.0},
             {4: waves * 530 / line} if waves else {},
         )
@@ -72,7 +72,7 @@ def spread(die, scale=1.0, turn=0.0, waves=0.0):
     found = np.stack([picture(Dots.of(dies()[die]), each) for each in optics])
     if turn:
         turned = ndimage.rotate(found, turn, axes=(1, 2), reshape=False, order=3)
-        found = turned.reshape(3, PIXELS, 2, PIXELS, 2).sum(axis=(2, 4))
+        found = turned.reshape(3, pixels, 2, pixels, 2).sum(axis=(2, 4))
     return found / found.sum(axis=(1, 2), keepdims=True)
 
 
@@ -107,6 +107,12 @@ def taken(number, kernels, white_e, seed):
     clean = np.maximum(seen[inner], 0)
     counted = draw.poisson(clean * white_e) + READ_E * draw.standard_normal(clean.shape)
     return (counted / white_e).astype(np.float32), light[inner]
+
+
+def photographed(record, white_e, noise=1.0):
+    """A record as a photograph whose noise was stated, so many times what it is."""
+    told = Noise(white_e / noise**2, READ_E / noise)
+    return Photo("p", "", Record(record, told), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
 
 
 def psnr(found, light):
@@ -149,8 +155,7 @@ def case(number, tmp_path):
     if kind in ("8 bits", "jpeg"):
         photo = coded(record, tmp_path, "png" if kind == "8 bits" else "jpg")
     else:
-        told = Noise(white_e / noise**2, READ_E / noise)
-        photo = Photo("p", "", Record(record, told), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+        photo = photographed(record, white_e, noise)
     return photo, blur, photo.record.values, light, f"{kind} {die} {white_e:g} {setting} scene {of_scene}"
 
 
@@ -161,13 +166,8 @@ def gained(number, tmp_path):
     return psnr(won.picture, light) - psnr(record, light), found.verdict, words
 
 
-FAST = (50, 75)
-"""Of another die, and out of focus.
-
-They lost up to 3 dB while the PSF was trusted or its halo taken for the record's."""
-
-
-@pytest.mark.parametrize("number", FAST)
+# Of another die, and out of focus: they lost up to 3 dB while the PSF was trusted or its halo taken for the record's.
+@pytest.mark.parametrize("number", [50, pytest.param(75, marks=pytest.mark.slow)])
 def test_a_restored_photograph_is_no_worse_than_the_record(number, tmp_path):
     gain, verdict, words = gained(number, tmp_path)
     assert gain >= -0.1, (words, verdict)
@@ -199,7 +199,7 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
 def test_a_psf_is_undone_as_it_is_said_to_be_if_trusted_or_a_strength_is_given(asked):
     """Behind another die: the same picture as by the restorer alone, and a verdict that says so."""
     record, _ = taken(2, spread("bars"), 20000.0, 1)
-    photo = Photo("p", "", Record(record, Noise(20000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    photo = photographed(record, 20000.0)
     wrong = designed("scattered")
     _, won, found, _ = restored_light(photo, wrong, (Wiener(),), chosen=False, bin=False, **asked)
     alone = restored(photo.record, wrong, (Wiener(),), asked["epsilon"])
@@ -213,7 +213,7 @@ def test_a_psf_is_undone_as_it_is_said_to_be_if_trusted_or_a_strength_is_given(a
 def test_a_photograph_without_a_display_stays_as_it_was_taken():
     """While the PSF was trusted this lost 14 dB; light below 0 tells it, whatever the scene's spectrum."""
     record, light = taken(3, np.pad(np.ones((3, 1, 1)), ((0, 0), (96, 96), (96, 96))), 3000.0, 5)
-    photo = Photo("p", "", Record(record, Noise(3000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    photo = photographed(record, 3000.0)
     _, won, found, _ = restored_light(photo, designed("bars"), (Wiener(),), chosen=False, epsilon=None, bin=False)
     assert found.verdict == FOREIGN
     assert found.wrong[0] > 0.05
@@ -221,8 +221,8 @@ def test_a_photograph_without_a_display_stays_as_it_was_taken():
 
 
 def test_behind_the_right_die_nothing_is_given_away():
-    record, light = taken(2, spread("bars"), 3000.0, 6)
-    photo = Photo("p", "", Record(record, Noise(3000.0, READ_E)), (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
+    record, light = taken(2, spread("bars"), 20000.0, 1)
+    photo = photographed(record, 20000.0)
     safe, trusting = (
         restored_light(photo, designed("bars"), (Wiener(),), chosen=False, epsilon=None, bin=False, trust=trust)[1]
         for trust in (False, True)
@@ -232,7 +232,7 @@ def test_behind_the_right_die_nothing_is_given_away():
 
 
 def test_scale_and_turn_are_found():
-    record, _ = taken(2, spread("scattered", scale=1.03, turn=2.0), 20000.0, 2)
+    record, _ = taken(2, spread("scattered", scale=1.03, turn=2.0, pixels=129), 20000.0, 2)
     seen = Record(record, Noise(20000.0, READ_E))
     found = explain(seen, designed("scattered"), noise_of(seen, stated=True)[0]).setting
     # A picture that is larger has lower frequencies.

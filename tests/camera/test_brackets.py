@@ -10,11 +10,11 @@ import scipy.fft
 from once import leaves
 
 from maskfab.base.errors import JobError
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import F1, Protocol, evaluate
 from maskfab.camera.record import MergedNoise, Noise, Record, merged
 from maskfab.camera.restorers.dct import denoised, stabilised, unbiased
 from maskfab.camera.scenes import Photograph, lit
+from maskfab.camera.stop_cells import lay
 
 BAR = lay("bar", np.pad(np.ones((6, 17), dtype=np.bool_), ((0, 15), (0, 4))))
 WELL = 15_506.0

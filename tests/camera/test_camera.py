@@ -10,9 +10,9 @@ import torch
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.camera.lens import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, pupil_transfer
 from maskfab.designs.descent.losses import expected_error
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.limits import bounds, rings

@@ -15,13 +15,13 @@ from once import leaves
 
 from maskfab.base import resources
 from maskfab.camera.imaging import Margin
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import EPSILONS, F1, evaluate
 from maskfab.camera.record import Noise, Record, interpolated
 from maskfab.camera.restorers.dct import Dct, denoised, mosaic_noise
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scores import psnr
 from maskfab.camera.sensor import record_light
+from maskfab.camera.stop_cells import lay
 from maskfab.job.camera import Sensor
 from maskfab.mask.opening_file import load_opening
 

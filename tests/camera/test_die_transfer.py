@@ -13,9 +13,9 @@ from optics_cases import aberrated_psf, defocused_psf, focused_psf, noise, panel
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel, Psf
 from maskfab.camera.die_transfer import DieTransfer, Lines, die_transfer, line_transfer
-from maskfab.camera.lens import F1, PhotoCamera, laid_panel, lay, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph, dead_leaves
+from maskfab.camera.stop_cells import F1, PhotoCamera, laid_panel, lay, pupil_transfer
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.gap import AXIS, AmplitudeLags, gap_psf, moved_aperture, shift_um
 from maskfab.optics.phase import Wavefront

@@ -12,11 +12,11 @@ from scipy import integrate, stats
 from maskfab.camera import expected
 from maskfab.camera.expected import Still, Stills, weights
 from maskfab.camera.imaging import Margin
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import STRENGTHS, Protocol, evaluate
 from maskfab.camera.record import Noise
 from maskfab.camera.restorers.wiener import Wiener, prior, wiener
 from maskfab.camera.scenes import lit
+from maskfab.camera.stop_cells import lay
 from maskfab.job.camera import Sensor
 from maskfab.optics.colour import code_of_light
 

@@ -13,9 +13,9 @@ from OpenImageIO import ImageSpec
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.pictures import write_image
 from maskfab.camera.imaging import Isoplanatic
-from maskfab.camera.lens import CELLS, lay
 from maskfab.camera.protocol import EPSILONS, STRENGTHS, Protocol, evaluate
 from maskfab.camera.scenes import dead_leaves, folder, indoors, scene
+from maskfab.camera.stop_cells import CELLS, lay
 from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import write_exr, write_png
 

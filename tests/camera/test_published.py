@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import fftconvolve
 from scipy.stats import norm, poisson
 
-from maskfab.camera.lens import CELLS, lay
 from maskfab.camera.protocol import F1, PAPER, WIENER, evaluate
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import ELECTRONS
+from maskfab.camera.stop_cells import CELLS, lay
 
 SENSOR = slice(256, 448)
 

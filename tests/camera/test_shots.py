@@ -13,10 +13,10 @@ from once import leaves
 from maskfab.camera import protocol
 from maskfab.camera.expected import climb
 from maskfab.camera.imaging import Margin
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.restorers import wiener
 from maskfab.camera.scores import Crop, Shot, psnr, truth_of
+from maskfab.camera.stop_cells import lay
 
 SENSOR = Crop(320, 320)
 

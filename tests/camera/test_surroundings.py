@@ -13,10 +13,10 @@ from maskfab.api.photographs import simulate
 from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Isoplanatic, Margin, RestoredBy
 from maskfab.camera.learning import mirrored
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import F1
 from maskfab.camera.scenes import Photograph, beyond, folder, messages, scene
 from maskfab.camera.scores import Crop
+from maskfab.camera.stop_cells import lay
 from maskfab.findings.study import made, planned
 from maskfab.mask.formats.exr import write_exr
 from maskfab.mask.job import load_job

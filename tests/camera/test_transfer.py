@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.camera.lens import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, pupil_transfer
+from maskfab.camera.stop_cells import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, pupil_transfer
 
 
 def test_autocorrelation_is_the_sum_over_pairs():

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maskfab.camera.imaging import Margin
-from maskfab.camera.lens import lay
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers import least_squares
 from maskfab.camera.restorers.least_squares import Gradient, Seen, TotalVariation
 from maskfab.camera.restorers.wiener import Wiener, prior
 from maskfab.camera.scenes import dead_leaves, indoors
 from maskfab.camera.scores import psnr
+from maskfab.camera.stop_cells import lay
 from maskfab.optics.restoration import wiener_filter
 
 DARK = Noise(float("inf"), 0.0)

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.camera import imaging, scores, sensor
+from maskfab.camera import imaging, scores
 from maskfab.camera import scenes as photographs
-from maskfab.camera.lens import lay
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.restorers import wiener
 from maskfab.camera.scenes import Photograph, folder, scene
 from maskfab.camera.scores import Truth, psnr
-from maskfab.camera.sensor import poisson_quantile, record_light
-from maskfab.job.camera import Sensor
+from maskfab.camera.stop_cells import lay
 from maskfab.mask.formats.exr import write_png
 from maskfab.optics import colour
 from maskfab.optics.colour import code_of_light, light_of_code
@@ -117,28 +115,6 @@ def test_the_record_of_a_large_photograph_is_gone_once_it_is_restored(in_parts, 
     evaluate([lay("bar", BAR)], [large], [small], (24, 32), protocol=Protocol("camera"))
     assert len(taken) == 2
     assert held == [False, False]
-
-
-@pytest.mark.parametrize("mosaic", ["none", "rggb"])
-def test_noise_drawn_part_by_part_is_that_of_the_whole_picture(mosaic, monkeypatch):
-    monkeypatch.setattr(sensor, "_AT_ONCE", 50)
-    light = np.random.default_rng(0).random((3, 12, 14), dtype=np.float32)
-    found = record_light(Sensor(read_noise=3.0, mosaic=mosaic), light, 500.0, 7).values
-    draw = np.random.default_rng(7)
-    seen = light
-    if mosaic == "rggb":
-        seen = np.empty((12, 14), dtype=np.float32)
-        for (y, x), k in {(0, 0): 0, (0, 1): 1, (1, 0): 1, (1, 1): 2}.items():
-            seen[y::2, x::2] = light[k, y::2, x::2]
-    normal, read = (draw.standard_normal(seen.shape, dtype=np.float32) for _ in range(2))
-    counted = (
-        poisson_quantile(seen.ravel() * np.float32(500), normal.ravel()).reshape(seen.shape) + np.float32(3) * read
-    )
-    if mosaic == "none":
-        np.testing.assert_allclose(found, counted / 500, atol=1e-6)
-    else:
-        np.testing.assert_allclose(found[0, ::2, ::2], counted[::2, ::2] / 500, atol=1e-6)
-        np.testing.assert_allclose(found[2, 1::2, 1::2], counted[1::2, 1::2] / 500, atol=1e-6)
 
 
 def test_curves_and_sums_do_not_depend_on_where_they_are_parted(in_parts):

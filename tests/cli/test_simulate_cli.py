@@ -13,8 +13,8 @@ from maskfab.api.photographs import simulate
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Panel
 from maskfab.camera.imaging import Design
-from maskfab.camera.lens import laid_panel, lay
 from maskfab.camera.protocol import ASSUMED
+from maskfab.camera.stop_cells import laid_panel, lay
 from maskfab.cli.program import run_command_line
 from maskfab.findings.photographs import Conditions
 from maskfab.mask.formats.exr import write_png

@@ -10,7 +10,7 @@ import pytest
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, orient
-from maskfab.camera.lens import CELLS, lay
+from maskfab.camera.stop_cells import CELLS, lay
 from maskfab.designs.design import require_cap
 from maskfab.designs.maps.light import _climb, display_price, graded, middles
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE

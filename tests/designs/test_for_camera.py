@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from once import leaves
 
 from maskfab.base.errors import JobError
-from maskfab.camera.lens import F1, PhotoCamera, lattice, lay
 from maskfab.camera.protocol import F1 as PROTOCOL_F1
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.sensor import LEVELS, Exposure, record_light
+from maskfab.camera.stop_cells import F1, PhotoCamera, lattice, lay
 from maskfab.designs.design import capture_settings, check_possible, design, notes_of
 from maskfab.designs.model.expected_psnr import interior, surrogate
 from maskfab.designs.model.panel_error import pupil_error

@@ -20,9 +20,9 @@ from once import leaves
 
 from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
 from maskfab.base.model import Opening, Panel, Tiling, refined
-from maskfab.camera.lens import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, pupil_transfer
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import MOST_DOTS, laid_panel, lattice, lay, pupil_autocorrelation, pupil_transfer
 from maskfab.designs.descent.losses import ExpectedError, TopResidual, expected_error, top_residual
 from maskfab.designs.descent.objective import AreaPenalty, Objective, TiledStop, Weighted, invertibility_of, tiled_stop
 from maskfab.designs.descent.schedule import Descent, Outcome, descend

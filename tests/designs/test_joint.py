@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.camera.lens import CELLS, lay
+from maskfab.camera.stop_cells import CELLS, lay
 from maskfab.designs.maps.alternation import dot_slopes, joint
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, design_map
 from maskfab.designs.model.panel_judgement import Slope

@@ -12,7 +12,7 @@ from once import leaves
 from sweeps import examples
 
 from maskfab.base.errors import JobError
-from maskfab.camera.lens import lay, pupil_autocorrelation
+from maskfab.camera.stop_cells import lay, pupil_autocorrelation
 from maskfab.designs.model import layouts_bound
 from maskfab.designs.model.expected_psnr import Interior, interior, surrogate
 from maskfab.designs.model.layouts_bound import CellLight, LayoutGap, layout_gap, layout_limit

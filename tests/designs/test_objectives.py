@@ -11,9 +11,9 @@ from once import leaves
 from sweeps import in_turns, sweep
 
 from maskfab.base.errors import InputError
-from maskfab.camera.lens import lay, pupil_transfer
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import lay, pupil_transfer
 from maskfab.designs.descent.losses import (
     FEW_EPSILONS,
     ExpectedError,

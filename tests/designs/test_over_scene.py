@@ -14,9 +14,9 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Tiling
 from maskfab.base.work import Clock
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.lens import F1, CellGrid, OpenStop, lattice
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.scenes import Folder
+from maskfab.camera.stop_cells import F1, CellGrid, OpenStop, lattice
 from maskfab.designs.design import capture_settings, check_possible, conditions_of, design, notes_of
 from maskfab.designs.model.appraisal import SceneConditions, appraise_over, cells_across, designed_panel, transfers
 from maskfab.designs.model.expected_psnr import surrogate_of

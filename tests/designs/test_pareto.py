@@ -14,8 +14,8 @@ from maskfab.base.errors import MaskfabError
 from maskfab.base.model import Opening, Tiling
 from maskfab.base.work import Clock
 from maskfab.base.workers import Workers
-from maskfab.camera.lens import F1, lattice
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, lattice
 from maskfab.designs.design import display_of, stated_display
 from maskfab.designs.front import (
     FrontCurve,

@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, orient
-from maskfab.camera.lens import lay
+from maskfab.camera.stop_cells import lay
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, best_places, design_map, places
 from maskfab.mask.panels import shifted
 

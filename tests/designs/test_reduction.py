@@ -11,7 +11,7 @@ from once import leaves
 import maskfab as mf
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import Opening
-from maskfab.camera.lens import F1, lattice
+from maskfab.camera.stop_cells import F1, lattice
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.search.scan import reduced, reduced_opening
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from maskfab.camera import scenes
-from maskfab.camera.lens import lattice
 from maskfab.camera.scenes import bundled
+from maskfab.camera.stop_cells import lattice
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.model.statistics import KEPT, SceneStatistics, scene_statistics
 from maskfab.designs.search.result import run_key

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from display.display_jobs import check_refused, job
 from jsonschema import Draft202012Validator
 from klayout import db
-from small_job import OPENING, command, listing, with_the_die, write_job
+from small_job import OPENING, command, with_the_die
 from sweeps import sweep
 
 from maskfab.base.model import CIRCUIT, CLEAR, ORIENTATIONS, Opening, Panel, Tiling, orient
@@ -45,12 +46,6 @@ def circuits(boxes: str = BOXES, **keys: object) -> str:
     )
 
 
-def job(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Path:
-    path = write_job(folder, *edits, opening=drawing)
-    path.write_text(path.read_text(encoding="utf-8") + extra, encoding="utf-8")
-    return path
-
-
 def found(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Feasibility:
     return displays(load_job(job(folder, extra, *edits, drawing=drawing))).displays["TURNED"]
 
@@ -82,15 +77,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("extra", "code", "said"), REFUSED.values(), ids=REFUSED)
 def test_refused_before_anything_is_written(capsys, tmp_path: Path, extra: str, code: str, said: str) -> None:
-    path = job(tmp_path, extra)
-    before = listing(tmp_path)
-    answer = command(capsys, "run", path, "--out", tmp_path / "out", "--json")
-    assert answer.code == 2, answer
-    error = answer.document["error"]
-    assert error["code"] == code, error
-    assert error["cure"]
-    assert said in answer.stderr
-    assert listing(tmp_path) == before
+    check_refused(capsys, tmp_path, extra, code, said)
 
 
 def test_boxes_are_read_back_from_every_file_and_measured_there(capsys, tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_job import OPENING, command, listing, write_job
+from display.display_jobs import check_refused, job
+from small_job import OPENING, command
 
 from maskfab.base.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.base.processes import ProcessExecutor, SerialExecutor
@@ -46,12 +47,6 @@ def drawn(*rows: str) -> str:
 
 def opening(grid: str) -> str:
     return f'name = "ring"\npitch = "56 um"\ndots = 7\ngrid = """\n{grid}"""\n'
-
-
-def job(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Path:
-    path = write_job(folder, *edits, opening=drawing)
-    path.write_text(path.read_text(encoding="utf-8") + extra, encoding="utf-8")
-    return path
 
 
 def found(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Feasibility:
@@ -99,15 +94,7 @@ REFUSED = {
 
 @pytest.mark.parametrize(("extra", "code", "said"), REFUSED.values(), ids=REFUSED)
 def test_refused_before_anything_is_written(capsys, tmp_path: Path, extra: str, code: str, said: str) -> None:
-    path = job(tmp_path, extra)
-    before = listing(tmp_path)
-    answer = command(capsys, "run", path, "--out", tmp_path / "out", "--json")
-    assert answer.code == 2, answer
-    error = answer.document["error"]
-    assert error["code"] == code, error
-    assert error["cure"]
-    assert said in answer.stderr
-    assert listing(tmp_path) == before
+    check_refused(capsys, tmp_path, extra, code, said)
 
 
 BY_HAND = {

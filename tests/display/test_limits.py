@@ -18,7 +18,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Tiling
 from maskfab.display.drive import LightDemand, current_density, lives
 from maskfab.display.emitter_rules import EmitterRules, Verdict
-from maskfab.display.limits import DEFAULT_LIFE, EyeAndLife, Judgement, Limited, judgement, kept
+from maskfab.display.eye_and_life import DEFAULT_LIFE, EyeAndLife, Judgement, Limited, judgement, kept
 from maskfab.job.sections import LivesSection, LooksSection
 from maskfab.mask.job import load_job
 from maskfab.report.documents.display import check_schema

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import random
 from functools import partial
@@ -85,45 +84,6 @@ def test_the_same_seed_places_the_same_pieces(quick):
     )
     assert np.array_equal(one.labels, other.labels)
     assert not np.array_equal(one.labels, third.labels)
-
-
-def speckled(seed, dots, share) -> Opening:
-    return Opening("speckled", np.random.default_rng(seed).random((dots, dots)) < share, 8000)
-
-
-PLACED_BEFORE = [
-    (corner(), 0, RULES, (1.0, 1.0, 1.0), 15, 3000, USUAL, "0f6029ad09cc011e"),
-    (corner(), 0, EmitterRules(4000, 8000, 8000), (1.0, 1.0, 1.0), 60, 3000, USUAL, "5b88f0c5d0b8caef"),
-    (
-        speckled(5, 14, 0.04),
-        8000,
-        EmitterRules(0, 8000, 16000),
-        (0.75, 0.75, 1.5),
-        14,
-        4000,
-        Evenness(2.3, 0.005),
-        "e93ee22bb0298e91",
-    ),
-    (
-        speckled(2, 10, 0.06),
-        4000,
-        EmitterRules(4000, 4000, 12000),
-        (1.2, 0.9, 0.9),
-        60,
-        4000,
-        USUAL,
-        "bb41f1e1ea4a64f6",
-    ),
-]
-"""Of a search that counted every move in full, by the digest of its labels; squares of 1, 2 and 3 cells."""
-
-
-@pytest.mark.parametrize(("opening", "gutter", "rules", "ratio", "least", "moves", "limits", "digest"), PLACED_BEFORE)
-def test_a_search_that_looks_at_less_places_the_same(opening, gutter, rules, ratio, least, moves, limits, digest):
-    grid = grid_of(opening, 8000, gutter, rules)
-    viewing = Viewing(grid.pitch_nm / 1000, 200e3)
-    placed = in_pieces(opening, grid, EVERY, ratio, least, viewing, limits=limits, moves=moves)
-    assert hashlib.sha256(placed.labels.tobytes()).hexdigest().startswith(digest)
 
 
 @pytest.mark.parametrize(("seed", "width", "gap"), [(0, 1, 1), (1, 2, 2), (2, 3, 0), (3, 2, 1)])

@@ -10,8 +10,8 @@ import pytest
 
 from maskfab.api.designing import _targets
 from maskfab.base.model import Tiling
-from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, PhotoCamera, camera_line
 from maskfab.cli.program import run_command_line
 from maskfab.job.read import read
 from maskfab.mask import opening_file, panels

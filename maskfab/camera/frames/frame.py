@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from maskfab.base.arrays import Singles
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import SourceError
 from maskfab.base.extras import require
 from maskfab.base.files import no_file
@@ -50,10 +50,13 @@ class Lattice:
     first: tuple[int, int]
     step: int
 
-    def of(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+    def of(self, values: NDArray[Any]) -> NDArray[Any]:
         """Its pixels of an array that is laid out as the frame's counts, as a view."""
-        plane = values if self.channel is None else values[self.channel]
-        return plane[self.first[0] :: self.step, self.first[1] :: self.step]
+        return self.at(values if self.channel is None else values[self.channel])
+
+    def at(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Its pixels of an array [..., rows, columns] of any content, as a view."""
+        return values[..., self.first[0] :: self.step, self.first[1] :: self.step]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +100,10 @@ class Frame:
         if self.pattern is None:
             return (Lattice("-", None, (0, 0), 1),)
         return tuple(Lattice(self.pattern[y][x], None, (y, x), 2) for y in (0, 1) for x in (0, 1))
+
+    def signal(self, place: int) -> Floats:
+        """Counts above black of one of its lattices."""
+        return np.asarray(self.lattices[place].of(self.counts).astype(np.float64) - self.black[place])
 
     @property
     def whole(self) -> bool:

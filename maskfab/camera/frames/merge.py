@@ -50,12 +50,12 @@ _BLIND = 0.5
 _ALIKE = 2.0
 
 
-def _dark(frames: Sequence[Frame], times_s: Sequence[float], place: int, lattice: Lattice) -> tuple[Mask, list[float]]:
+def _dark(frames: Sequence[Frame], times_s: Sequence[float], place: int) -> tuple[Mask, list[float]]:
     """Hot pixels of one colour in dark frames, and mean counts above black of the others in exposures of such times.
 
     Hot are six robust standard deviations above the median. Where a dark frame has no time, all have one level.
     """
-    stack = np.stack([lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames])
+    stack = np.stack([frame.signal(place) for frame in frames])
     middle = np.median(stack, axis=0)
     usual = float(np.median(middle))
     spread = max(SIGMA_OF_MAD * float(np.median(np.abs(middle - usual))), 1 / np.sqrt(12))
@@ -77,12 +77,8 @@ def _response(
     frames: Sequence[Frame], place: int, lattice: Lattice, electrons_per_count: float, dark_e2: float
 ) -> _Response:
     """Response of one colour's pixels from frames of even light."""
-    full = np.any([frame.full for frame in frames], axis=0)[
-        lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step
-    ]
-    electrons = electrons_per_count * np.sum(
-        [lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames], axis=0
-    )
+    full = lattice.at(np.any([frame.full for frame in frames], axis=0))
+    electrons = electrons_per_count * np.sum([frame.signal(place) for frame in frames], axis=0)
     mean = float(electrons[~full].mean()) if not full.all() else 0.0
     if full.mean() > _DUST or mean < _HOT * np.sqrt(dark_e2 * len(frames)):
         what = f"the flat field {frames[0].name} is {100 * full.mean():.0f} % full and has {mean:.3g} electrons a pixel"
@@ -272,8 +268,6 @@ class Merged:
     Places are int64 [n, 2], row and column in the files.
 
     Attributes:
-        planes: one, three, or the four of a mosaic.
-        corner: row and column of the files that is pixel (0, 0).
         hot: places that dark frames tell as hot; not valid.
         disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
             valid.
@@ -375,14 +369,10 @@ def _exposed(
     dark_e2: float,
     dark: Sequence[Frame],
 ) -> Exposed:
-    usable = ~fulls[:, lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
-    hot, levels = _dark(dark, times, place, lattice) if dark else (np.zeros_like(usable[0]), [0.0] * len(times))
-    electrons = electrons_per_count * np.stack(
-        [
-            lattice.of(frame.counts).astype(np.float64) - (frame.black[place] + level)
-            for frame, level in zip(frames, levels, strict=True)
-        ]
-    )
+    usable = ~lattice.at(fulls)
+    hot, levels = _dark(dark, times, place) if dark else (np.zeros_like(usable[0]), [0.0] * len(times))
+    signals = [frame.signal(place) - level for frame, level in zip(frames, levels, strict=True)]
+    electrons = electrons_per_count * np.stack(signals)
     shot = np.maximum(levels, 0.0) * electrons_per_count
     full = [
         electrons_per_count * (frame.white - frame.black[place] - level)

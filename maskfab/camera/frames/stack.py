@@ -134,7 +134,6 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
     """Row and column of the brightest spot, that of undiffracted light, within some pixels.
 
     Args:
-        frames: a stack; long exposures tell faint light, short ones what is brightest in it.
         side: pixels of the crop that is to be taken about it.
 
     Raises:
@@ -193,7 +192,7 @@ def _spots(frame: Frame) -> Singles:
     for place, lattice in enumerate(frame.lattices):
         black = frame.black[place]
         values = (lattice.of(frame.counts).astype(np.float32) - np.float32(black)) / np.float32(max(top - black, 1e-30))
-        light[lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step] += _unspiked(values)
+        lattice.at(light)[...] += _unspiked(values)
     return np.asarray(ndimage.uniform_filter(light, _SPOT, mode="constant"))
 
 
@@ -295,8 +294,8 @@ def photon_transfer(frames: Sequence[Frame], dark: Sequence[Frame] = ()) -> Gain
 def _colours(frames: Sequence[Frame], *, dark: bool) -> Iterator[_Pixels]:
     full = np.any([frame.full for frame in frames], axis=0)
     for place, lattice in enumerate(frames[0].lattices):
-        usable = ~full[lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
-        stack = np.stack([lattice.of(frame.counts).astype(np.float64) - frame.black[place] for frame in frames])
+        usable = ~lattice.at(full)
+        stack = np.stack([frame.signal(place) for frame in frames])
         if usable.any() and dark:
             none, ones = np.zeros(usable.sum()), np.ones(usable.sum())
             yield _Pixels(none, none, stack[:, usable].var(axis=0, ddof=1), ones, (len(stack) - 1) * ones)

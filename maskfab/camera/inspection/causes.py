@@ -85,10 +85,8 @@ class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
-        taken: what was fitted, without dust, merged with the gains that were found.
         width: full width of the light at half maximum and its standard error, um; None of a point.
         dust: pixels of every grid that were left out.
-        cause: of what is left; None where the fit explains the frames.
     """
 
     image: DieImage

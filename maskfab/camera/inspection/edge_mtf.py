@@ -121,7 +121,6 @@ class DesignedMtf:
     Attributes:
         seen: float64 [n], through the window of the measurement, 1 at 0: what a perfect measurement shows; ``mtf``
             itself where nothing is known of a window.
-        uncertainty: bound of the error of the transfer function.
     """
 
     light: str
@@ -240,11 +239,7 @@ _LEAST_PARTED = 0.01
 
 @dataclass(frozen=True)
 class EdgeDesign:
-    """Design that a measured MTF is held against.
-
-    Attributes:
-        orientation: how the panel stood, as :func:`maskfab.base.model.orient` counts.
-    """
+    """Design that a measured MTF is held against."""
 
     die: str
     panel: Panel
@@ -283,11 +278,7 @@ class MeasuredEdge:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEdges:
-    """The edges of a picture.
-
-    Attributes:
-        edges: at least one, colour by colour from the top left on.
-    """
+    """The edges of a picture."""
 
     edges: tuple[MeasuredEdge, ...]
     left_out: tuple[str, ...]
@@ -315,10 +306,8 @@ def measured_edges(
         values: linear light, float64 [rows, columns], row 0 the top, of any unit, black 0; of a mosaic the samples of
             one colour.
         valid: which of them count; all that are finite if None.
-        region: box of sensor pixels to look in; the whole picture if None.
         order: of the polynomial that an edge follows, 1 to 3; None lets the edge decide.
         window_px: largest reach to either side of an edge; less lets in less noise and fewer diffraction orders.
-        seed: of the resamples that the bands come from.
 
     Raises:
         SourceError: MF340 if no edge was found; MF341, MF342 or MF343 if none that was found can be measured, with the
@@ -494,15 +483,15 @@ def frame_edges(
 
 def _light(frame: Frame, colour: Colour) -> tuple[Floats, Grid, float]:
     """Counts above black of one colour, where they lie, and from where on they are clipped."""
-    own = [(each, black) for each, black in zip(frame.lattices, frame.black, strict=True) if each.colour == colour]
-    clipped_at = frame.white - max(black for _, black in own)
-    (first, black), *others = own
+    own = [(place, lattice) for place, lattice in enumerate(frame.lattices) if lattice.colour == colour]
+    clipped_at = frame.white - max(frame.black[place] for place, _ in own)
+    (first, lattice), *others = own
     if not others:
-        return first.of(frame.counts).astype(np.float64) - black, Grid(first.first, first.step), clipped_at
+        return frame.signal(first), Grid(lattice.first, lattice.step), clipped_at
     # The two greens of a mosaic together have twice the places across an edge that either has.
     values = np.full(frame.shape, np.nan)
-    for lattice, level in own:
-        lattice.of(values)[...] = lattice.of(frame.counts).astype(np.float64) - level
+    for place, lattice in own:
+        lattice.at(values)[...] = frame.signal(place)
     return values, WHOLE, clipped_at
 
 

@@ -69,7 +69,6 @@ class FoundEdge:
     """One edge, of lines that cross it: rows for one that is near upright, columns for one that is near level.
 
     Attributes:
-        direction: of the MTF that it gives, across the edge.
         offset, slope: place along line k in samples, offset + slope k.
     """
 
@@ -268,7 +267,6 @@ def fitted_line(lines: Floats, places: Floats, order: Order | None = None) -> Ed
     """The polynomial through places on lines, [n] each, robust against a few that are far off (Huber's weights).
 
     Args:
-        places: NaN where a line has none.
         order: 1 to 3; None for the one with the least Bayesian information criterion.
     """
     placed = np.isfinite(places)

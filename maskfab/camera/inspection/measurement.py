@@ -25,6 +25,15 @@ from maskfab.camera.frames.merge import Merged, check_centre
 from maskfab.camera.inspection.causes import Cause, Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
 from maskfab.camera.inspection.die_image import BIAS, LAMP, DieImage, Pixels, Setting
+from maskfab.camera.inspection.die_verdict import (
+    SURE,
+    Answer,
+    Promise,
+    Verdict,
+    finding_sentences,
+    judged_die,
+    seen_sentences,
+)
 from maskfab.camera.inspection.edge_mtf import Light
 from maskfab.camera.inspection.fit import (
     Fit,
@@ -38,15 +47,6 @@ from maskfab.camera.inspection.fit import (
     taken_of,
 )
 from maskfab.camera.inspection.identity import Hypothesis, Identified, identified
-from maskfab.camera.inspection.verdict import (
-    SURE,
-    Answer,
-    Promise,
-    Verdict,
-    finding_sentences,
-    judged_die,
-    seen_sentences,
-)
 from maskfab.camera.scores import NORMAL_95
 from maskfab.camera.sensor import F1_SENSOR
 from maskfab.job.camera import Camera, Sensor
@@ -112,7 +112,6 @@ def measured(
     """Measure a die from exposures of a point light behind it.
 
     Args:
-        merged: exposures, cropped about the light.
         seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
         others: further dies of the plate, one of which it may be where none of the first explains the frames.
 

@@ -195,7 +195,6 @@ def rice_interval(size: Floats, deviation: Floats) -> tuple[Floats, Floats]:
     """Moduli of a complex number under which an observed modulus is not unlikely, by Rice's law.
 
     Args:
-        size: observed moduli, [n].
         deviation: of the noise of the real part, [n]; 0 where there is none.
 
     Returns:

@@ -69,6 +69,7 @@ from maskfab.camera.record import Record, Restorer, interpolated, sampled
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.least_squares import Smooth, on_sensor
 from maskfab.camera.restorers.wiener import Wiener, prior, wiener
+from maskfab.camera.scores import inner
 from maskfab.optics.colour import code_of_light, light_of_code
 
 Weight = Singles | np.float32
@@ -88,8 +89,6 @@ class Judge:
     """A part of a record for restorers, and the rest that judges their pictures of it; all are [3, rows, columns].
 
     Attributes:
-        left: pixels at each edge that are not shown.
-        inverse: G, at the margin's frequencies.
         pilot: p, of the whole record.
         evidence: G (y₂ - H p), of the whole record.
     """
@@ -119,7 +118,7 @@ class Judge:
         below = np.nextafter(np.float32(record.ceiling), np.float32(0))
         first = np.where(record.clipped, record.values, np.minimum(record.values + np.float32(_PARTING) * noise, below))
         shown = Record(
-            np.ascontiguousarray(_inner(first, left)),
+            np.ascontiguousarray(inner(first, left)),
             record.noise.times(1 + _PARTING**2),
             record.ceiling,
             record.interpolated,
@@ -138,7 +137,7 @@ class Judge:
         transfer = blur.on(margin.shape)
         seen = np.maximum(margin.blurred(margin.mirrored(scene), transfer), 0)
         variance = like.noise.variance(seen)
-        noisy = _inner(seen + _drawn(draw, variance, mosaic=like.interpolated), left)
+        noisy = inner(seen + _drawn(draw, variance, mosaic=like.interpolated), left)
         shown = Record(np.ascontiguousarray(noisy), like.noise, interpolated=like.interpolated)
         inverse = wiener(transfer, prior(margin.shape), float(variance.mean()))
         none = np.zeros_like(scene)
@@ -147,7 +146,7 @@ class Judge:
     def turned(self, picture: Singles) -> Singles:
         """p with a picture of what is shown in its place: the middle square, at most 512 pixels wide, transposed."""
         scene = np.clip(self.pilot, 0, 1)
-        _inner(scene, self.left)[:] = picture
+        inner(scene, self.left)[:] = picture
         rows, columns = scene.shape[1:]
         side = min(rows, columns, _IMAGINED)
         top, left = (rows - side) // 2, (columns - side) // 2
@@ -156,7 +155,7 @@ class Judge:
     @property
     def known(self) -> Singles:
         """p where the record is shown."""
-        return _inner(self.pilot, self.left)
+        return inner(self.pilot, self.left)
 
     def seen(self, picture: Singles) -> Singles:
         """A (x̂ - p) of a picture of ``shown``."""
@@ -165,20 +164,20 @@ class Judge:
 
     def error(self, seen: Singles, weight: Weight) -> float:
         """Mean weighted squared error of a picture, from :meth:`seen`, less a number that is the same for all."""
-        return float((weight * seen * (seen - 2 * _inner(self.evidence, self.left))).mean(dtype=np.float64))
+        return float((weight * seen * (seen - 2 * inner(self.evidence, self.left))).mean(dtype=np.float64))
 
     def covariance(self, seen: Sequence[Singles], weight: Weight) -> NDArray[np.float64]:
         """Covariance of the noise in the errors of several pictures, apart from a number that is the same for all."""
         middle = sum(seen) / np.float32(len(seen))
-        deviation = np.sqrt(_inner(self.variance, self.left))
+        deviation = np.sqrt(inner(self.variance, self.left))
         weighed = (self._filtered(weight * (picture - middle), self.inverse.conj()) * deviation for picture in seen)
         pulls = np.array([2 / picture.size * picture.ravel() for picture in weighed])
         return np.asarray(pulls @ pulls.T, dtype=np.float64)
 
-    def _filtered(self, inner: Singles, filtered: Transfer) -> Singles:
+    def _filtered(self, part: Singles, filtered: Transfer) -> Singles:
         whole = np.zeros_like(self.pilot)
-        _inner(whole, self.left)[:] = inner
-        return _inner(self.margin.blurred(self.margin.mirrored(whole), filtered), self.left)
+        inner(whole, self.left)[:] = part
+        return inner(self.margin.blurred(self.margin.mirrored(whole), filtered), self.left)
 
 
 def _frame(shape: tuple[int, ...], width: int) -> tuple[Margin, int]:
@@ -189,10 +188,6 @@ def _frame(shape: tuple[int, ...], width: int) -> tuple[Margin, int]:
 def _drawn(draw: np.random.Generator, variance: Singles, *, mosaic: bool) -> Singles:
     noise = draw.standard_normal(variance.shape, dtype=np.float32) * np.sqrt(variance)
     return interpolated(sampled(noise)) if mosaic else noise
-
-
-def _inner(picture: Singles, left: int) -> Singles:
-    return picture[:, left:-left, left:-left]
 
 
 Tried = tuple[Restorer, float]
@@ -239,8 +234,6 @@ class Choice:
     """Restores every photograph by the best of several restorers.
 
     Attributes:
-        seed: of the noise that parts the record, and of the imagined record's.
-        width: pixels by which the record is mirrored beyond its edges to judge.
         coded: errors are those of sRGB code values, as where light is coded before it is shown; otherwise of light.
     """
 

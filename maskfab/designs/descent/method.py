@@ -20,8 +20,8 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Tiling
 from maskfab.base.work import NO_END, Clock, Progress, silent
-from maskfab.camera.lens import CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import CellGrid, PhotoCamera, lattice
 from maskfab.designs.descent.losses import expected_error, top_residual
 from maskfab.designs.descent.objective import (
     AreaPenalty,

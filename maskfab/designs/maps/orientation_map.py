@@ -35,7 +35,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.base.work import NO_END, Clock, Progress, silent
-from maskfab.camera.lens import CellGrid
+from maskfab.camera.stop_cells import CellGrid
 from maskfab.designs.model.panel_judgement import PanelError, Slope
 from maskfab.designs.rules.families import turned_key
 from maskfab.mask.opening_masks import closed
@@ -161,7 +161,7 @@ def design_map(
         clock: when its time is over, the map is taken as it is after :data:`FIRST_STEPS` fields; None for no end.
 
     Raises:
-        OpeningError: MF201 to MF203 as :func:`maskfab.camera.lens.lay`.
+        OpeningError: MF201 to MF203 as :func:`maskfab.camera.stop_cells.lay`.
         JobError: MF122 for units of other dots than the error's, or more than 15 of them; for several units together
             with positions; for shifts that move clear dots out of the cell. MF104 for fewer positions than 1. MF115
             for more than 85 dots along a cell, or 1000 cells along the panel.

@@ -43,7 +43,7 @@ from maskfab.base.arrays import Labels, Mask, Singles
 from maskfab.base.model import ORIENTATIONS, Opening, Panel, Tiling, orient, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.die_transfer import DieTransfer, by_plan, die_transfer
-from maskfab.camera.lens import CellGrid
+from maskfab.camera.stop_cells import CellGrid
 from maskfab.job.camera import Camera
 from maskfab.job.values import distance_text, um_text
 from maskfab.mask.panels import CellMap, panel_shape, placed, shifted_openings

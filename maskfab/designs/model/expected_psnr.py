@@ -56,9 +56,9 @@ from maskfab.base.arrays import Complexes, Floats, Indices, Ints, Mask, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.imaging import Transfer
-from maskfab.camera.lens import F1, CellGrid, Lagged, OpenStop, PhotoCamera, lattice
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, CellGrid, Lagged, OpenStop, PhotoCamera, lattice
 from maskfab.designs.model.statistics import (
     COLUMNS,
     F1_SETTINGS,
@@ -279,7 +279,7 @@ def surrogate(
 
     Raises:
         JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115, MF135 for dots as
-            :func:`maskfab.camera.lens.lattice`.
+            :func:`maskfab.camera.stop_cells.lattice`.
     """
     return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), settings=settings, leak_scenes=leak_scenes)
 
@@ -295,7 +295,7 @@ def surrogate_of(statistics: SceneStatistics, room: CellGrid, waves: Waves | Non
     """The surrogate for the units of given cells, in light of a phase at the stop where there is one.
 
     Raises:
-        JobError: MF104, MF115 as :meth:`maskfab.camera.lens.CellGrid.turned`.
+        JobError: MF104, MF115 as :meth:`maskfab.camera.stop_cells.CellGrid.turned`.
     """
     wavelength_nm = room.camera.middle_nm
     per_cycle = room.per_cycle(wavelength_nm)

@@ -41,7 +41,7 @@ from scipy import optimize
 from maskfab.base.arrays import Complexes, Floats, Ints
 from maskfab.base.errors import JobError
 from maskfab.base.processes import ALONE, Call, SerialExecutor
-from maskfab.camera.lens import CellGrid, at_lags, pupil_autocorrelation
+from maskfab.camera.stop_cells import CellGrid, at_lags, pupil_autocorrelation
 from maskfab.designs.model.duals import best_regular, wiener_cost
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior
 
@@ -87,7 +87,7 @@ def layout_gap(
     """A panel that is laid, beside what the light of its cells allows; None for so many dots that it takes minutes.
 
     Args:
-        pupil: of :func:`maskfab.camera.lens.lay`, 0 and 1, 0 outside the stop.
+        pupil: of :func:`maskfab.camera.stop_cells.lay`, 0 and 1, 0 outside the stop.
         levels: of light; None for the surrogate's own.
 
     Raises:

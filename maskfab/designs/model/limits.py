@@ -35,7 +35,7 @@ from scipy import optimize, sparse
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import OpeningError
-from maskfab.camera.lens import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
+from maskfab.camera.stop_cells import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
 from maskfab.designs.model.duals import residue_classes, residue_errors, residues
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior, unit_modulation
 from maskfab.mask.opening_masks import require_clear_dots

@@ -34,8 +34,8 @@ import torch
 from maskfab.base.arrays import Floats, Mask, Singles
 from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Transfer
-from maskfab.camera.lens import CellGrid
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
+from maskfab.camera.stop_cells import CellGrid
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_judgement import Judged, PanelError, Slope
 from maskfab.designs.model.statistics import FACTOR, PixelNoise

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from maskfab.base.arrays import Floats, Labels, Mask, Singles
-from maskfab.camera.lens import CellGrid, lay
+from maskfab.camera.stop_cells import CellGrid, lay
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class PanelError(ABC):
         return self.lattice.cells
 
     def laid(self, units: Mask, orientations: Labels | None = None, seed: int = 0) -> Floats:
-        """The pupil of units laid on these cells, [side, side] of 0 and 1, as :func:`maskfab.camera.lens.lay`."""
+        """The pupil of units laid on these cells, [side, side] of 0 and 1, as :func:`maskfab.camera.stop_cells.lay`."""
         return lay("panel", units, orientations, seed, room=self.lattice).pupil
 
     @abstractmethod

@@ -26,7 +26,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.camera.protocol import F1, Protocol
 from maskfab.camera.scenes import Bundled, Photograph, bundled
-from maskfab.camera.sensor import ELECTRONS, LEVELS, told, told_gains
+from maskfab.camera.sensor import ELECTRONS, LEVELS, sensor_words, told_gains
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Sensor
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class CaptureSettings:
         light = "linear light, scored as sRGB" if self.protocol.linear else "code values taken for light"
         levels = "/".join(f"{level:g}" for level in self.levels)
         parts = (f"{levels} dB", light, told_gains(self.protocol.sensor, self.levels))
-        return "; ".join((f"protocol {self.protocol.name}: {told(self.protocol.sensor)}", *filter(None, parts)))
+        return "; ".join((f"protocol {self.protocol.name}: {sensor_words(self.protocol.sensor)}", *filter(None, parts)))
 
 
 F1_SETTINGS = CaptureSettings()

@@ -17,7 +17,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.work import Clock, Progress
-from maskfab.camera.lens import FEWEST_CELLS, CellGrid
+from maskfab.camera.stop_cells import FEWEST_CELLS, CellGrid
 from maskfab.designs.maps.orientation_map import MapMode
 from maskfab.designs.model.appraisal import (
     Robustness,

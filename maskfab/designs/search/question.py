@@ -18,8 +18,8 @@ from maskfab.base.files import Kept
 from maskfab.base.model import Tiling
 from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.work import NO_END, Clock, Progress, silent
-from maskfab.camera.lens import F1, CellGrid, PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import F1, CellGrid, PhotoCamera, lattice
 from maskfab.designs.maps.alternation import require_places
 from maskfab.designs.maps.orientation_map import require_size
 from maskfab.designs.model.appraisal import (

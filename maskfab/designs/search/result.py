@@ -29,9 +29,9 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Opening, Tiling
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Clock
-from maskfab.camera.lens import F1, PhotoCamera, camera_line
 from maskfab.camera.scenes import Bundled, Photograph
 from maskfab.camera.sensor import LEVELS
+from maskfab.camera.stop_cells import F1, PhotoCamera, camera_line
 from maskfab.designs.model.appraisal import Robustness, SceneAppraisal, SceneConditions
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.limits import Gap, bounds, optimality_gap

@@ -27,8 +27,8 @@ from maskfab.base.files import Kept
 from maskfab.base.model import Opening, Tiling, frozen
 from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.work import Clock, Progress, silent
-from maskfab.camera.lens import PhotoCamera, lattice
 from maskfab.camera.scenes import Photograph
+from maskfab.camera.stop_cells import PhotoCamera, lattice
 from maskfab.designs.model.expected_psnr import surrogate_behind
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind, orbits

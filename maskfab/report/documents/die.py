@@ -22,7 +22,7 @@ from pydantic import Field, ValidationError, model_validator
 from maskfab.base.errors import SourceError
 from maskfab.base.model import Opening, Quantity
 from maskfab.base.units import NM_PER_UM
-from maskfab.camera.lens import F1, camera_line
+from maskfab.camera.stop_cells import F1, camera_line
 from maskfab.designs.rules.rule import priced_rule
 from maskfab.findings.photographs import Photographs, Restored
 from maskfab.mask import panels

@@ -13,8 +13,8 @@ from maskfab.base.quantities import registered
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.circuits import Circuits
 from maskfab.display.emitter_rules import Certificate, Verdict
+from maskfab.display.eye_and_life import Judgement, Limited, kept
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
-from maskfab.display.limits import Judgement, Limited, kept
 from maskfab.display.placement import LargestGap
 from maskfab.display.polygon_check import Violation
 from maskfab.findings.display import JUDGED_ROWS, display_quantities

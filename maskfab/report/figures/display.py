@@ -34,8 +34,8 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.display.emitted_light import Tiled, show
 from maskfab.display.emitter_rules import Certificate, EmitterRules
 from maskfab.display.eye import FLAT, TEXT
+from maskfab.display.eye_and_life import Judgement
 from maskfab.display.feasibility import Feasibility
-from maskfab.display.limits import Judgement
 from maskfab.display.looks import seen
 from maskfab.display.pictures import text
 from maskfab.display.polygon_check import Violation

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.limits import AT_LEAST, TITLES
+from maskfab.display.eye_and_life import AT_LEAST, TITLES
 from maskfab.report.documents.shape import Record
 from maskfab.report.text import rounded, short
 from maskfab.report.verdicts import BROKEN, FITS, LIVES, LOOKS

@@ -26,12 +26,12 @@ from maskfab.base.quantities import Entry, registered
 from maskfab.camera.frames.frame import PIXELS_OF
 from maskfab.camera.frames.merge import write_merged
 from maskfab.camera.inspection.costs import COST_METHOD, disagreement
+from maskfab.camera.inspection.die_verdict import Answer, stands
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
 from maskfab.camera.inspection.measurement import Measured, write_fitted_psf
 from maskfab.camera.inspection.slanted_edge import EdgeMtf
-from maskfab.camera.inspection.verdict import Answer, stands
 from maskfab.report.documents.die import DOCUMENT
 from maskfab.report.documents.shape import Document, Record, document_text
 from maskfab.report.figures.die import OKABE_ITO

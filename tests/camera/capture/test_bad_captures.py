@@ -13,8 +13,8 @@ from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import frame_of_array, same_sensor
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.frames.stack import light_place, window_middle
+from maskfab.camera.inspection.die_verdict import Answer
 from maskfab.camera.inspection.measurement import measured
-from maskfab.camera.inspection.verdict import Answer
 from maskfab.optics.spectrum import line_spectrum
 
 CAMERA = camera(diameter_um=800.0, window_um=128.0)

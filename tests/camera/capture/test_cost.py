@@ -12,7 +12,7 @@ from optics_cases import camera, noise, panel
 from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.inspection.costs import ALL, ORIENTATION, costs
 from maskfab.camera.inspection.die_image import DieImage, Pixels, Setting
-from maskfab.camera.inspection.verdict import Promise
+from maskfab.camera.inspection.die_verdict import Promise
 from maskfab.camera.protocol import STRENGTHS, Protocol
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import NARROW, SMALLEST, dead_leaves

@@ -152,7 +152,7 @@ def test_cells_of_a_mosaic_are_restored_by_cells_alone(tmp_path):
     psf = write_light(tmp_path / "light.exr", [np.exp(-(x**2 + y**2) / 6) * 1e5 + 2], mosaic="RGGB")
     with pytest.raises(MaskfabError, match="MF353"):
         mf.restore(tmp_path / "photo.dng", psf=psf, restore="wiener")
-    found = mf.restore(tmp_path / "photo.dng", psf=psf, restore="wiener", bin=True).photos[0]
+    found = mf.restore(tmp_path / "photo.dng", psf=psf, restore="wiener", epsilon=0.01, bin=True).photos[0]
     assert found.picture.shape == (3, 128, 144)
 
 
@@ -161,7 +161,19 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
     write_png(light.clip(0, 1)[:, ::-1], tmp_path / "photo.png")
     psf = write_light(tmp_path / "light.exr", kernel(15))
     out = tmp_path / "out"
-    asked = ("restore", tmp_path / "photo.png", "--psf", psf, "--restore", "wiener", "--out", out, "--json")
+    asked = (
+        "restore",
+        tmp_path / "photo.png",
+        "--psf",
+        psf,
+        "--restore",
+        "wiener",
+        "--epsilon",
+        0.01,
+        "--out",
+        out,
+        "--json",
+    )
     document = command(capsys, *asked).document
     assert "code values of sRGB" in document["photos"][0]["told"][0]
     assert sorted(path.name for path in out.iterdir()) == [

@@ -16,8 +16,8 @@ import maskfab as mf
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.causes import Cause
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
+from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.measurement import measured
-from maskfab.camera.inspection.verdict import Answer, Promise
 from maskfab.optics.spectrum import line_spectrum
 from maskfab.report.pages.measured import capture_document, capture_page
 

@@ -238,12 +238,12 @@ def _looks(own: Looks, usual: Looks | None, section: LooksSection) -> tuple[Limi
 
 
 def _lives(shares: Triple, reference: Triple, light: LightDemand, section: LivesSection) -> tuple[Limited, ...]:
-    luminance, lasting, drawn = lives(light, shares, reference)
+    found = lives(light, shares, reference)
     life, power = _limit(section.life, DEFAULT_LIFE, _LIFE), _limit(section.power, None, _NO_LIMIT)
     return (
-        Limited("luminance", luminance, 1.0, None, False, ""),
-        Limited("life", lasting, 1.0, *life),
-        Limited("power", drawn, 1.0, *power),
+        Limited("luminance", found.luminance, 1.0, None, False, ""),
+        Limited("life", found.life, 1.0, *life),
+        Limited("power", found.power, 1.0, *power),
     )
 
 

@@ -46,7 +46,6 @@ class PhotoCamera:
 
     Attributes:
         stop: alike under the eight elements of D4, as the cells are turned and mirrored.
-        pixel_um: side of a pixel, which is sensitive all over.
         wavelengths_nm: the longest first; three are red, green and blue.
 
     Raises:
@@ -314,26 +313,20 @@ def lay(
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
 
-def pupil_autocorrelation(pupil: NDArray[np.float64]) -> Floats:
-    """Of a real pupil of whole dots [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised.
+def pupil_autocorrelation(pupil: Lagged) -> Lagged:
+    """Σ a(r) a*(r + s) of a pupil of whole dots [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised.
 
     Reports take :mod:`maskfab.optics.lags`, which knows gutters and dots that the stop cuts; descents
     :mod:`maskfab.designs.descent.objective`, which has a slope.
     """
-    size = 2 * len(pupil) - 1
-    fast = int(scipy.fft.next_fast_len(size, real=True))
-    spectrum = scipy.fft.rfft2(pupil, (fast, fast), workers=1)
-    table = scipy.fft.irfft2(spectrum.real**2 + spectrum.imag**2, (fast, fast), workers=1)
+    real = np.isrealobj(pupil)
+    fast = int(scipy.fft.next_fast_len(2 * len(pupil) - 1, real=real))
+    power = squared_modulus((scipy.fft.rfft2 if real else scipy.fft.fft2)(pupil, (fast, fast), workers=1))
+    if real:
+        table = scipy.fft.irfft2(power, (fast, fast), workers=1)
+    else:
+        table = scipy.fft.fft2(power, norm="forward", workers=1)
     lags = np.arange(-len(pupil) + 1, len(pupil)) % fast
-    return np.asarray(table[np.ix_(lags, lags)])
-
-
-def _amplitude_autocorrelation(amplitude: Complexes) -> Complexes:
-    """Σ a(r) a*(r + s) of whole dots, as :func:`pupil_autocorrelation` of real ones."""
-    fast = int(scipy.fft.next_fast_len(2 * len(amplitude) - 1))
-    power = squared_modulus(scipy.fft.fft2(amplitude, (fast, fast), workers=1))
-    table = scipy.fft.fft2(power, norm="forward", workers=1)
-    lags = np.arange(-len(amplitude) + 1, len(amplitude)) % fast
     return np.asarray(table[np.ix_(lags, lags)])
 
 
@@ -351,7 +344,6 @@ class OpenStop:
     Attributes:
         table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle; complex behind a lens whose
             phase is not the same turned by 180 degrees.
-        per_cycle: lag in dots that belongs to one cycle per pixel.
         whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
     """
 
@@ -370,11 +362,7 @@ class OpenStop:
         amplitude: Complexes | None = None,
     ) -> OpenStop:
         """The open stop at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
-        table: Lagged
-        if amplitude is None:
-            table = pupil_autocorrelation(room.stop.astype(np.float64))
-        else:
-            table = _amplitude_autocorrelation(amplitude)
+        table = pupil_autocorrelation(room.stop.astype(np.float64) if amplitude is None else amplitude)
         area = float(table[room.side - 1, room.side - 1].real)
         table /= area
         if np.iscomplexobj(table) and abs(table.imag).max() < _ROUNDING:
@@ -388,13 +376,8 @@ class OpenStop:
         if self.whole_lags:
             values = self.at(*(np.rint(lag).astype(np.int64) for lag in lags))
         else:
-            below_y, below_x = (np.floor(lag) for lag in lags)
-            v, y_part, u, x_part = (
-                below_y.astype(np.int64),
-                lags[0] - below_y,
-                below_x.astype(np.int64),
-                lags[1] - below_x,
-            )
+            v, u = (np.floor(lag).astype(np.int64) for lag in lags)
+            y_part, x_part = lags[0] - v, lags[1] - u
             below = (1 - x_part) * self.at(v, u) + x_part * self.at(v, u + 1)
             above = (1 - x_part) * self.at(v + 1, u) + x_part * self.at(v + 1, u + 1)
             values = (1 - y_part) * below + y_part * above
