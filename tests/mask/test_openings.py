@@ -17,6 +17,7 @@ from maskfab.base.errors import InputError
 from maskfab.base.model import Opening
 from maskfab.job.values import check_name
 from maskfab.mask.opening_file import dot_of_pitch, load_opening, opening_text, parse_opening
+from maskfab.mask.opening_masks import stripe
 
 ASYMMETRIC = np.array([[1, 1, 0], [0, 0, 0], [0, 0, 1]], dtype=bool)  # row 0 lowest
 DRAWING = "..#\n...\n##.\n"
@@ -359,3 +360,12 @@ def test_shipped_openings(name: str, dots: int, clear_dots: int) -> None:
     assert opening.dots * opening.dot_nm == 168_000
     assert opening.provenance["author"] == "maskfab"
     assert opening_text(opening) == path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("dots", "width", "clear"), [(21, 5, 90), (21, 4, 40), (20, 5, 45), (20, 6, None), (1, 1, 1)])
+def test_a_slit_is_centred_to_half_a_dot(dots: int, width: int, clear: int | None) -> None:
+    row, column = np.nonzero(stripe(dots, width, clear))
+    height = dots if clear is None else clear // width
+    assert (len(set(row)), len(set(column))) == (height, width)
+    assert dots - 1 - row.max() - row.min() == (dots - height) % 2
+    assert dots - 1 - column.max() - column.min() == (dots - width) % 2

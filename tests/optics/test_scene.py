@@ -14,6 +14,7 @@ from maskfab.job.faults import parse_section
 from maskfab.job.sections import SceneSection
 from maskfab.job.values import COLDEST_K, HOTTEST_K
 from maskfab.optics.response import black_body, generic_rgb
+from maskfab.optics.scene.omissions import wavelength_range_nm
 from maskfab.optics.scene.scene import Distortion, Scene
 
 CAMERA = "wavelength_nm,left,right\n400,0,0\n500,1,0\n600,0,1\n700,0,0\n"
@@ -33,6 +34,14 @@ def scene(curves: dict[str, str] | None = None, **keys: object) -> Scene:
 def test_the_default_scene_asks_for_nothing() -> None:
     assert Scene.of(None) == Scene.of(SceneSection()) == Scene()
     assert Scene().bands == ()
+
+
+def test_a_scene_spans_its_bands_and_without_any_the_lines_of_its_camera() -> None:
+    camera = Camera(10_000.0, Stop("circle", 400.0), (610.0, 470.0, 530.0), 2.0, 64.0)
+    assert wavelength_range_nm(camera, Scene()) == (470.0, 610.0)
+    shortest, longest = wavelength_range_nm(camera, scene(spectrum="camera.csv"))
+    assert 400 <= shortest < 450
+    assert 650 < longest <= 700
 
 
 def test_lengths_and_flags_are_passed_on() -> None:
