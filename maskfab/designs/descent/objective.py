@@ -39,7 +39,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from maskfab.base.arrays import Floats, Ints, Labels, Mask
+from maskfab.base.arrays import Ints, Labels, Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, unit_dots
@@ -364,28 +364,6 @@ class TiledStop:
     def share(self, table: torch.Tensor) -> torch.Tensor:
         """Share of the bare stop's light that a table's unit passes, 0 to 1: lag 0 over the bare stop's dots."""
         return table[0, 0] / self.bare
-
-    def at_points(self, wavelength_nm: float, y: Floats, x: Floats) -> Transfer:
-        """The transfer [points] at points in cycles per pixel, y >= 0, |x| and y at most one half; 1 at frequency 0."""
-        lag_y, lag_x = (self.per_cycle(wavelength_nm) * v for v in (y, x))
-        low_y, low_x = (np.floor(lag).astype(np.int64) for lag in (lag_y, lag_x))
-        part_y, part_x = lag_y - low_y, lag_x - low_x
-        size, reach = self.correlation.size, self.correlation.reach
-        indices, weights = [], []
-        for up, share_y in ((0, 1 - part_y), (1, part_y)):
-            for right, share_x in ((0, 1 - part_x), (1, part_x)):
-                row, column = low_y + up, low_x + right
-                within = (row <= reach) & (abs(column) <= reach)
-                indices.append(np.where(within, row * size + column % size, 0))
-                weights.append(np.where(within, share_y * share_x * np.sinc(y) * np.sinc(x), 0.0))
-        # The four whole lags about each point.
-        index, weight = self.here(np.stack(indices)), self.here(np.stack(weights))
-
-        def transfer(table: torch.Tensor) -> torch.Tensor:
-            around = table.flatten().index_select(0, index.flatten()).view(index.shape)
-            return (around * weight).sum(0) / table[0, 0]
-
-        return transfer
 
     def on_grid(self, shape: tuple[int, int]) -> Transfer:
         """The transfer at the frequencies of ``rfft2`` of pictures of that shape, for every wavelength."""
