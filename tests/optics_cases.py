@@ -8,10 +8,6 @@ import numpy as np
 
 from maskfab.base.model import Psf
 from maskfab.base.units import UM_PER_NM
-from maskfab.bench.hard_cases import clear_region, noise
-from maskfab.bench.hard_cases import example_camera as camera
-from maskfab.bench.hard_cases import example_panel as panel
-from maskfab.bench.hard_cases import example_pupil as pupil
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.gap import shift_um, shifted_pupil
@@ -26,6 +22,10 @@ from maskfab.optics.phase import (
 )
 from maskfab.optics.psf import odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Pupil
+from maskfab.trials.hard_cases import clear_region, noise
+from maskfab.trials.hard_cases import example_camera as camera
+from maskfab.trials.hard_cases import example_panel as panel
+from maskfab.trials.hard_cases import example_pupil as pupil
 
 __all__ = [
     "aberrated",

@@ -19,7 +19,10 @@ from threadpoolctl import threadpool_limits
 
 import maskfab as mf
 from maskfab.base.model import Panel
-from maskfab.bench.race import (
+from maskfab.job.camera import Stop
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.stop_edges import edges_in_stop
+from maskfab.trials.race import (
     Race,
     Workload,
     absent,
@@ -29,9 +32,6 @@ from maskfab.bench.race import (
     slit_panel,
     standard_workload,
 )
-from maskfab.job.camera import Stop
-from maskfab.optics.field.polygons import boundary
-from maskfab.optics.stop_edges import edges_in_stop
 
 LINE = "530 nm"
 Spent = tuple[float, float]

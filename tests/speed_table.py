@@ -19,17 +19,6 @@ from threadpoolctl import threadpool_limits
 
 import maskfab as mf
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.bench.race import (
-    PEERS,
-    PsfTask,
-    absent,
-    gemm_bound_ms,
-    published_intensity,
-    published_size,
-    race,
-    slit_panel,
-    standard_workload,
-)
 from maskfab.designs.descent.objective import invertibility_of, tiled_stop
 from maskfab.designs.descent.panel_optics import Layout
 from maskfab.job.camera import Camera, Stop
@@ -43,6 +32,17 @@ from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.spectrum import line_spectrum, polychromatic_otf, reach_um
 from maskfab.optics.stop_edges import edges_in_stop
 from maskfab.optics.tiling import orientations
+from maskfab.trials.race import (
+    PEERS,
+    PsfTask,
+    absent,
+    gemm_bound_ms,
+    published_intensity,
+    published_size,
+    race,
+    slit_panel,
+    standard_workload,
+)
 
 CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
 Row = tuple[str, str, str]

@@ -25,10 +25,10 @@ from maskfab.base.work import Progress, silent
 
 if TYPE_CHECKING:
     from maskfab.api.asked import AnyJob, AnyPath  # heavy, and refused where it is used
-    from maskfab.bench.hard_cases import CaseResult
-    from maskfab.bench.race import Timing
     from maskfab.report.text import Quantities
     from maskfab.runs.store import Entry
+    from maskfab.trials.hard_cases import CaseResult
+    from maskfab.trials.race import Timing
 
 
 # Each answer imports what it needs: an error is explained in less time than any of it takes to load.
@@ -389,7 +389,7 @@ class Benchmark(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        from maskfab.bench import race as accuracy_page
+        from maskfab.trials import race as accuracy_page
 
         return {
             **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
@@ -398,7 +398,7 @@ class Benchmark(Result):
 
     def picture(self) -> bytes:
         """A PNG of error against time."""
-        from maskfab.bench import race as accuracy_page
+        from maskfab.trials import race as accuracy_page
 
         race = accuracy_page.Race(self.timings, self.bound_ms)
         return accuracy_page.race_figure({"speed against error": race})
@@ -409,13 +409,13 @@ class Benchmark(Result):
         Args:
             out: new folder for the figure and the results.
         """
-        from maskfab.bench import race as accuracy_page
+        from maskfab.trials import race as accuracy_page
 
         return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
 
     def __str__(self) -> str:
-        from maskfab.bench import race as accuracy_page
         from maskfab.job.reference import in_words
+        from maskfab.trials import race as accuracy_page
 
         return "\n".join([*accuracy_page.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
 
@@ -436,12 +436,12 @@ class HardCases(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Every case."""
-        from maskfab.bench import race as accuracy_page
+        from maskfab.trials import race as accuracy_page
 
         return accuracy_page.case_document(self.outcomes)
 
     def __str__(self) -> str:
-        from maskfab.bench import race as accuracy_page
+        from maskfab.trials import race as accuracy_page
 
         return "\n".join(accuracy_page.case_table(self.outcomes))
 
@@ -473,11 +473,11 @@ def bench(
         JobError: MF105 for a die that the job does not have.
     """
     from maskfab.api.asked import dies_of, job_of
-    from maskfab.bench import race as accuracy
     from maskfab.job.reference import USES, unused
+    from maskfab.trials import race as accuracy
 
     if hard:
-        from maskfab.bench.hard_cases import CASES, run_cases
+        from maskfab.trials.hard_cases import CASES, run_cases
 
         return HardCases(tuple(run_cases(CASES)))
     left: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.base.model import orient
-from maskfab.bench.race import published_size
+from maskfab.trials.race import published_size
 
 WAVELENGTHS_NM = (610.0, 530.0, 470.0)
 _FOCAL_UM, _DOT_UM, _STEP_UM, _DIAMETER_UM = 10_000.0, 8.0, 0.5, 4000.0

@@ -11,8 +11,10 @@ import pytest
 from small_job import write_job
 from speed_plots import job_classes
 
-from maskfab.bench.hard_cases import Case, run_cases
-from maskfab.bench.race import (
+from maskfab.cli.program import run_command_line
+from maskfab.optics.field.methods import FieldTask, admissible
+from maskfab.trials.hard_cases import Case, run_cases
+from maskfab.trials.race import (
     PEERS,
     Peer,
     PsfTask,
@@ -25,8 +27,6 @@ from maskfab.bench.race import (
     race_table,
     standard_workload,
 )
-from maskfab.cli.program import run_command_line
-from maskfab.optics.field.methods import FieldTask, admissible
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,7 +60,7 @@ def test_a_peer_that_cannot_race_is_told_with_the_reason(
     monkeypatch.syspath_prepend(tmp_path)
     nobody = Peer("no_such_peer.at_all", "nobody", "double", PEERS[0].prepare)
     lame = Peer("lame_peer", "lame", "double", PEERS[0].prepare)
-    monkeypatch.setattr("maskfab.bench.race.PEERS", (nobody, lame))
+    monkeypatch.setattr("maskfab.trials.race.PEERS", (nobody, lame))
     told = "\n".join(race_table(timings, {"double": 1.0}, absent()))
     assert "not compared: nobody, not installed" in told
     assert "not compared: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told

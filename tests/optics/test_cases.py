@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.bench.hard_cases import CASES, Case, run_cases
+from maskfab.trials.hard_cases import CASES, Case, run_cases
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from scipy.special import j1
 
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Psf
-from maskfab.bench.hard_cases import clear_region
 from maskfab.job.camera import Camera
 from maskfab.optics.exact_psf import ExactPsf, sampled_field
 from maskfab.optics.field.matrix import direct_field
@@ -21,6 +20,7 @@ from maskfab.optics.psf import Leak, point_psf
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.side_lobes import SideLobes, first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
+from maskfab.trials.hard_cases import clear_region
 
 LEAK = 0.1 + 0.05j
 

@@ -86,7 +86,7 @@ def test_the_version_and_job_of_a_run_are_cited(capsys, small_result):
     program = command(capsys, "self", "cite", small_result, "--json").document["program"]
     assert f"version = {{{manifest['maskfab_version']}}}" in program
     assert f"job {manifest['job_hash'][:16]}" in program
-    told = command(capsys, "cite").stdout
+    told = command(capsys, "self", "cite").stdout
     assert told.count("{") == told.count("}")
     assert "Sankaranarayanan" in told
 

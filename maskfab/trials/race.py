@@ -49,13 +49,13 @@ from maskfab.base.folders import check_target, staged
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.base.work import Progress, silent
-from maskfab.bench.hard_cases import CaseResult
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import direct_field
 from maskfab.optics.field.methods import PATHS, FieldTask, admissible
 from maskfab.optics.psf import point_step_um
 from maskfab.optics.pupil import Pupil, panel_aperture
 from maskfab.optics.tiling import orientations
+from maskfab.trials.hard_cases import CaseResult
 
 
 @dataclass(frozen=True)
