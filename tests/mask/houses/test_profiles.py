@@ -99,7 +99,7 @@ def test_a_profile_of_ones_own_is_read_by_its_path(tmp_path):
 
 
 def test_shops_are_listed(capsys):
-    answer = command(capsys, "shops")
+    answer = command(capsys, "order", "list")
     assert answer.code == 0
     assert [row.split()[0] for row in answer.stdout.splitlines()[1:]] == list(shop_names())
     document = command(capsys, "order", "list", "--json").document
