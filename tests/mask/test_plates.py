@@ -212,6 +212,7 @@ def test_marks_keep_to_their_rooms_for_every_feature(plate, name, feature_nm):
 def setting_of(plate: Plate) -> Setting:
     return Setting(
         title="A" * 80,
+        texts=("serial A 1",),
         signature="maskfab 0.0.0 | job 0123456789abcdef | seeds none",
         digest="0" * 64,
         blank_nm=plate.blank_nm,

@@ -224,5 +224,5 @@ def test_check_says_what_is_refused_with_rule_source_and_cure(capsys, tmp_path):
     ("options", "code"), [(("--shop", "nobody"), "MF420"), (("--shop", "gesim", "--format", "stl"), "MF105")]
 )
 def test_check_refuses_what_it_does_not_know(capsys, tmp_path, options, code):
-    answer = command(capsys, "check", write_job(tmp_path), *options, "--json", "--quiet")
+    answer = command(capsys, "order", "pack", write_job(tmp_path), *options, "--dry-run", "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"]) == (2, code)
