@@ -27,11 +27,12 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Singles
 from maskfab.base.cell_size import CellSize
-from maskfab.base.errors import JobError
+from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, Panel, Tiling, orient, refined, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.job.camera import Camera, Stop
+from maskfab.mask.opening_masks import closed
 from maskfab.optics.gap import turned
 from maskfab.optics.restoration import squared_modulus
 from maskfab.optics.stop import Waves, stop_dots
@@ -300,15 +301,32 @@ def lay(
             :func:`maskfab.base.model.orient`; None draws them as protocol F1 does, with
             ``default_rng(seed).integers(8 · units)``.
         room: the cells, in place of the fewest of such dots behind protocol F1's stop.
+
+    Raises:
+        OpeningError: MF201 if the openings are not square; MF202 if they are neither clear nor opaque; MF203 if closed.
+        JobError: MF122 for orientations of another shape, or of units that are not there; MF104, MF115 as
+            :func:`lattice`.
     """
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
+    if stack.ndim != 3 or stack.shape[1] != stack.shape[2] or stack.size == 0:
+        what = f"the opening has the shape {np.shape(units)}"
+        raise OpeningError("MF201", what, where=name, cure="Give an array of dots x dots")
+    if stack.dtype != np.bool_ and not np.isin(stack, (0, 1)).all():
+        what = "the opening has other values than 0 and 1"
+        raise OpeningError("MF202", what, where=name, cure="Threshold the opening to 0 (opaque) and 1 (clear)")
+    if not stack.any():
+        raise closed(0, stack.size, where=name, cure="Give an opening with at least 1 clear dot")
     kinds = ORIENTATIONS * len(stack)
     room = lattice(stack.shape[1], dot_nm, where=name) if room is None else room
     size = room.cells, room.cells
     if orientations is None:
         orientations = np.random.default_rng(seed).integers(kinds, size=size).astype(np.int8)
     turned = np.asarray(orientations)
+    if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
+        reach = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
+        cure = f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}"
+        raise JobError("MF122", f"the orientations have the shape {turned.shape}{reach}", where=name, cure=cure)
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
