@@ -220,12 +220,12 @@ def design(
     source = scenes_of(images, section)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
-        from maskfab.designs.descent.method import relax
+        from maskfab.designs.descent.relax import relax
 
         designed = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint, begin=begin)
     else:
-        from maskfab.designs.search.method import search
         from maskfab.designs.search.question import Question
+        from maskfab.designs.search.search import search
 
         assert isinstance(section, SearchSection)
         needed = seen is not None and seen.needed

@@ -58,7 +58,7 @@ from maskfab.optics.lags import correlated, dot_blocks
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, share_inside
 from maskfab.optics.stop import Waves, edge_points, perimeter_um, widest_um
-from maskfab.optics.tilings import MeanPsf, decorrelation_error
+from maskfab.optics.tiling_mean import MeanPsf, decorrelation_error
 
 Place = tuple[float, float]
 

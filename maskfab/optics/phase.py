@@ -66,7 +66,7 @@ from maskfab.optics.polynomials import gauss_legendre, spherical_bessel, spheric
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um, psf_norm_um6
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, Pupil, cut, finer_aperture
 from maskfab.optics.stop import Waves, stop_strehl
-from maskfab.optics.tilings import MeanPsf, phase_error
+from maskfab.optics.tiling_mean import MeanPsf, phase_error
 
 _NODES = (3, 5, 8)
 _CHUNK = 8192

@@ -33,7 +33,7 @@ from maskfab.optics.restoration import noise_gain, sensor_square, wiener_respons
 from maskfab.optics.spectrum import line_spectrum
 from maskfab.optics.stop_edges import edges_in_stop
 from maskfab.optics.tiling import orientations
-from maskfab.optics.tilings import mean_psf
+from maskfab.optics.tiling_mean import mean_psf
 
 
 def noise(dots: int, share: float, seed: int) -> Mask:

@@ -35,7 +35,7 @@ NEED_TORCH = {
     "maskfab.camera.learning",
     "maskfab.camera.restorers.network",
     "maskfab.designs.descent.losses",
-    "maskfab.designs.descent.method",
+    "maskfab.designs.descent.relax",
     "maskfab.designs.descent.objective",
     "maskfab.designs.descent.panel_optics",
     "maskfab.designs.descent.schedule",

@@ -13,7 +13,7 @@ from sweeps import sweep
 from maskfab.base.errors import MaskfabError
 from maskfab.base.work import Clock
 from maskfab.camera.scenes import Photograph
-from maskfab.designs.descent.method import relax, schedule
+from maskfab.designs.descent.relax import relax, schedule
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate
 from maskfab.designs.rules.families import FAMILIES
 from maskfab.designs.search.annealing import nearest

@@ -23,10 +23,10 @@ from maskfab.designs.rules.families import FAMILIES, Candidate, kind
 from maskfab.designs.search import scan
 from maskfab.designs.search import shortlist as quick_maps
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
-from maskfab.designs.search.method import search
 from maskfab.designs.search.question import Question
 from maskfab.designs.search.result import constraints_of
 from maskfab.designs.search.scan import Best, scanned
+from maskfab.designs.search.search import search
 from maskfab.designs.search.shortlist import different, shortlisted
 from maskfab.job.faults import parse_section
 from maskfab.job.sections import SearchSection

@@ -32,7 +32,7 @@ from maskfab.optics.phase import (
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.stop import Waves
-from maskfab.optics.tilings import mean_psf
+from maskfab.optics.tiling_mean import mean_psf
 
 LINE = 530.0
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)

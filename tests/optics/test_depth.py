@@ -27,7 +27,7 @@ from maskfab.optics.phase import (
     stretch_sensitivity,
 )
 from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
-from maskfab.optics.tilings import mean_psf
+from maskfab.optics.tiling_mean import mean_psf
 
 LINE = 530.0
 FOCAL = 10_000.0

@@ -12,7 +12,7 @@ from optics_cases import camera, noise, panel, pupil
 from maskfab.base.errors import InternalError
 from maskfab.base.model import Opening, Panel, Tiling, orient
 from maskfab.optics.psf import image_scale_um2, point_psf
-from maskfab.optics.tilings import decorrelation_error, mean_psf, phase_error
+from maskfab.optics.tiling_mean import decorrelation_error, mean_psf, phase_error
 
 LINE = 530.0
 

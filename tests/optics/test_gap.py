@@ -40,7 +40,7 @@ from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.point_images import deblurring_residual, field_places, residual_blur
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop import Waves
-from maskfab.optics.tilings import mean_psf
+from maskfab.optics.tiling_mean import mean_psf
 
 LINE = 530.0
 

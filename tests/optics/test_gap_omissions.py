@@ -23,7 +23,7 @@ from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop import edge_points, perimeter_um
 from maskfab.optics.tiling import orientations
-from maskfab.optics.tilings import layout_psf, mean_psf
+from maskfab.optics.tiling_mean import layout_psf, mean_psf
 
 LINE = 530.0
 

@@ -204,7 +204,7 @@ class Prepared:
 
 
 def prepare(question: Question) -> Prepared:
-    """Judges, rules and clocks of a question; errors as of :func:`maskfab.designs.search.method.search`."""
+    """Judges, rules and clocks of a question; errors as of :func:`maskfab.designs.search.search.search`."""
     progress, clock, display = question.progress, question.clock, question.display
     rules = constraints_of(question.section, display=display)
     room = _room_of(question.section, rules, question.camera)

@@ -2,7 +2,7 @@ r"""Effects that a scene could ask of the optics, with the error of omitting eac
 
 Every estimate is the relative L2 error of the point PSF over the camera's window, at the worst of the camera's
 shortest and longest lines, times a safety factor by which the truth was seen to exceed the plain estimate. They are
-made from PSFs at infinity and mean PSFs (:mod:`maskfab.optics.tilings`), not from the models that
+made from PSFs at infinity and mean PSFs (:mod:`maskfab.optics.tiling_mean`), not from the models that
 they judge. Short moves of the openings are tried: a PSF at infinity behind moved ones is cheap.
 
 Notes:
@@ -60,7 +60,7 @@ from maskfab.optics.scene.lens import SensorWindow
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import band_errors
 from maskfab.optics.stop import stop_strehl, widest_um
-from maskfab.optics.tilings import MeanPsf, layout_psf, mean_psf
+from maskfab.optics.tiling_mean import MeanPsf, layout_psf, mean_psf
 
 # How much lower than the truth the plain estimates were seen to come out, and more: 2.2 for shifts and gaps; for phases
 # 1.6 on the layouts of their own notes, 2.2 over eighty others of a few dozen cells, where one layout is not the mean.
