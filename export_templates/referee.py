@@ -4,8 +4,8 @@
 
     python3 referee.py                      in the unpacked folder of a package
     python3 referee.py FOLDER | PACKAGE.zip
-    python3 referee.py JOB.json PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
-    python3 referee.py JOB.toml PLATE.gds [TEMPLATE.toml] [--version 0.1.0]
+    python3 referee.py JOB.json PLATE.gds [TEMPLATE.toml] [--version 0.2.0]
+    python3 referee.py JOB.toml PLATE.gds [TEMPLATE.toml] [--version 0.2.0]
 
 JOB.json is the resolved job; JOB.toml is its own text, with openings and maps beside it as it names them, and takes
 Python 3.11. Its hash is not computed then, but taken as the title prints it. Exit code 0: it is this plate; 1: it is
@@ -1598,7 +1598,7 @@ def main(args):
         else:
             files = files_of(args[0] if args else os.path.dirname(os.path.abspath(__file__)))
             manifest = json.loads(files.get("manifest.json", b"{}"))
-        version = version or manifest.get("maskfab_version") or "0.1.0"
+        version = version or manifest.get("maskfab_version") or "0.2.0"
         job = raw_job(args[0]) if args and args[0].endswith(".toml") else json.loads(files["job.json"])
         template = toml(files["template.toml"].decode()) if "template.toml" in files else None
         if job["plate"].get("template") and template is None:

@@ -3,4 +3,4 @@
 No format of a mask and no key of a job is known here, and no other room is imported.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
