@@ -404,12 +404,12 @@ def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
         else ""
     )
     numbers = [
-        ("delta_e_mean", view.delta_e, f"S-CIELAB, CIE 1976, mean{known}"),
-        ("delta_e_95", view.delta_e_95, "the same, 95th percentile"),
-        ("delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed"),
+        ("_delta_e_mean", view.delta_e, f"S-CIELAB, CIE 1976, mean{known}"),
+        ("_delta_e_95", view.delta_e_95, "the same, 95th percentile"),
+        ("_delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed"),
     ]
     if title == EDGE:
-        numbers.append(("fringe", view.fringe, "largest S-CIELAB difference in a* and b*, the common shift removed"))
+        numbers.append(("_fringe", view.fringe, "largest S-CIELAB difference in a* and b*, the common shift removed"))
     if view.jod is not None:
-        numbers.append(("jod", view.jod, "ColorVideoVDP, white 500 cd/m2"))
-    return [Quantity(f"{title}_{key}", value, method, die=name) for key, value, method in numbers]
+        numbers.append(("_jod", view.jod, "ColorVideoVDP, white 500 cd/m2"))
+    return [Quantity(f"{title}{key}", value, method, die=name) for key, value, method in numbers]
