@@ -22,7 +22,7 @@ UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}
 
 
-JOINED = ("model_", "field_mtf_", "order_zero_", "orders_lowest_five_", "rule_", "written_")
+JOINED = ("border_delta_e_", "model_", "field_mtf_", "order_zero_", "orders_lowest_five_", "rule_", "written_")
 """Beginnings of names that the program joins with a word."""
 
 
