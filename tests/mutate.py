@@ -155,15 +155,17 @@ def nearest(fault: Fault, most: int) -> list[Path]:
     return found[:most]
 
 
-def is_seen(fault: Fault, copied: Path, most: int) -> bool:
-    """Whether the nearest tests fail with the fault planted in that copy of the package, which is mended afterwards."""
+def seen_by(fault: Fault, copied: Path, most: int) -> str:
+    """The test that fails with the fault planted in that copy, which is mended afterwards; an empty word if none."""
     tests = nearest(fault, most)
     if not tests:
-        return False
+        return ""
     file = copied / fault.path.relative_to(ROOT)
     file.write_text(planted(fault))
+    # -P: else the working folder's own package, which has no fault, would come before the copy.
     command = [
         sys.executable,
+        "-P",
         "-m",
         "pytest",
         "-x",
@@ -174,18 +176,21 @@ def is_seen(fault: Fault, copied: Path, most: int) -> bool:
         "not slow",
         "-p",
         "no:cacheprovider",
-        *tests,
+        *map(str, tests),
     ]
     surroundings = os.environ | {"PYTHONPATH": str(copied), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         run = subprocess.run(command, check=False, cwd=ROOT, env=surroundings, capture_output=True, timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
-        return True
+        return f"longer than {LONGEST_S} s"
     finally:
         shutil.copyfile(fault.path, file)
     if run.returncode not in (0, 1, 2):
         raise SystemExit(f"{fault}: pytest could not run\n{run.stdout.decode()[-2000:]}")
-    return run.returncode != 0
+    if run.returncode == 0:
+        return ""
+    failed = [line for line in run.stdout.decode().splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return (failed or ["ended early"])[0]
 
 
 def main() -> int:
@@ -197,6 +202,7 @@ def main() -> int:
     parser.add_argument("--files", type=int, default=3, help="nearest test files at the most")
     parser.add_argument("--jobs", type=int, default=2, help="faults side by side")
     parser.add_argument("--least", type=float, default=0.85, help="share that must be seen")
+    parser.add_argument("--verbose", action="store_true", help="print the faults that were seen too, and by which test")
     asked = parser.parse_args()
     places = [ROOT / "maskfab" / room for room in asked.rooms]
     files = sorted(path for place in places for path in ([place] if place.is_file() else place.rglob("*.py")))
@@ -213,17 +219,19 @@ def main() -> int:
                 (copied / beside).symlink_to(ROOT / beside)
             copies.put(copied)
 
-        def try_out(fault: Fault) -> bool:
+        def try_out(fault: Fault) -> str:
             copied = copies.get()
             try:
-                return is_seen(fault, copied, asked.files)
+                return seen_by(fault, copied, asked.files)
             finally:
                 copies.put(copied)
 
         seen = 0
-        for fault, is_dead in zip(drawn, pool.map(try_out, drawn), strict=True):
-            seen += is_dead
-            if not is_dead:
+        for fault, by in zip(drawn, pool.map(try_out, drawn), strict=True):
+            seen += bool(by)
+            if by and asked.verbose:
+                print(f"seen: {fault}\n       {by}", flush=True)
+            elif not by:
                 near = ", ".join(str(path.relative_to(ROOT)) for path in nearest(fault, asked.files)) or "no test"
                 print(f"lived: {fault}\n       {near}", flush=True)
     print(f"{seen} of {len(drawn)} faults seen, {seen / len(drawn):.0%}; {len(every)} could have been drawn")
