@@ -5,6 +5,7 @@ Targets have one value per pixel, [rows, columns, 3], row 0 the lowest.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -235,7 +236,7 @@ def leaves(pixels: int, seed: int = 1) -> Floats:
         x, y = draw.uniform(0, side, size=2)
         grey = draw.uniform(0.02, 0.85)
         colour = np.clip(grey * (1 + 0.45 * draw.uniform(-1, 1, size=3)), 0.0, 1.0)
-        box = tuple(slice(max(0, int(at - radius)), int(at + radius) + 2) for at in (y, x))
+        box = tuple(slice(max(0, int(at - radius)), math.ceil(at + radius)) for at in (y, x))
         rows, columns = np.ogrid[: bare[box].shape[0], : bare[box].shape[1]]
         disc = (columns + box[1].start - x) ** 2 + (rows + box[0].start - y) ** 2 < radius**2
         new = bare[box] & disc

@@ -103,7 +103,7 @@ def test_moving_a_picture_by_a_block_moves_what_is_restored() -> None:
 
 
 def test_what_is_shown_is_coded_as_srgb_codes_light() -> None:
-    light = np.linspace(0, 1, 101, dtype=np.float32)
+    light = np.array([0, 1e-4, 1e-3, 3e-3, *np.linspace(0.01, 1, 100)], dtype=np.float32)
     found = coded(torch.from_numpy(shown(light))).numpy()
     np.testing.assert_allclose(found, code_of_light(light), atol=2e-6)
 

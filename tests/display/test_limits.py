@@ -91,6 +91,12 @@ def test_defaults_judge_and_fail_nothing(slit_panel):
     assert found.passed
 
 
+@pytest.mark.parametrize(("name", "better"), [("life", 0.1), ("grain", -0.1)])
+def test_a_number_at_its_limit_keeps_it(name, better):
+    at = Limited(name, 0.5, None, 0.5, stated=True, source="")
+    assert [replace(at, value=0.5 + more).passed for more in (better, 0.0, -better)] == [True, True, False]
+
+
 @pytest.mark.parametrize(
     ("stated", "name"),
     [

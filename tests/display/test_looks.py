@@ -209,9 +209,17 @@ def test_stripes_by_hand():
     assert reference.tile.centroid == pytest.approx(((0.0722 - 0.2126) * 56 / 168, 0.0), abs=2e-5)
 
 
-@pytest.mark.parametrize(("layout", "pitch_nm"), [("stripe", 47_900), ("pentile", 35_200), ("delta", 31_000)])
-def test_a_reference_that_breaks_its_own_rules_is_refused(layout, pitch_nm):
-    with pytest.raises(JobError, match=r"MF117 .*um wide, and min_width is 8 um.*Use"):
+@pytest.mark.parametrize(
+    ("layout", "pitch_nm", "width"),
+    [
+        ("stripe", 47_900, f"{47.9 / 3 - 8:.4g}"),
+        # Squares of sides 2^½ : 1 along a row; half a pixel's height.
+        ("pentile", 35_200, f"{(35.2 - 2 * 8) / (1 + 2**0.5):.4g}"),
+        ("delta", 31_000, f"{31 / 2 - 8:.4g}"),
+    ],
+)
+def test_a_reference_that_breaks_its_own_rules_is_refused(layout, pitch_nm, width):
+    with pytest.raises(JobError, match=rf"MF117 .* leaves emitters {width} um wide, and min_width is 8 um.*Use"):
         Reference.of(layout, pitch_nm, RULES)
 
 

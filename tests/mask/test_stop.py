@@ -12,7 +12,15 @@ from maskfab.job.camera import Stop
 from maskfab.mask.raster import outline_coverage
 from maskfab.optics.metrics import AREA_ERROR, relative_difference
 from maskfab.optics.psf import point_psf
-from maskfab.optics.stop_edges import _cut_edges, cutting_box, edges_in_stop
+from maskfab.optics.stop_edges import (
+    _MET_PER_SECOND,
+    _cut_edges,
+    cutting_box,
+    edges_in_stop,
+    stop_region,
+    sweep_s,
+    whole_or_away,
+)
 
 
 @pytest.mark.parametrize("diameter_um", [6.0, 11.0, 23.0, 50.0, 77.0, 97.3])
@@ -70,6 +78,39 @@ def test_only_polygons_at_the_rim_are_cut_and_the_rest_stay_as_they_are(monkeypa
     lines = np.linspace(-50, 50, 331)
     shares = [outline_coverage(each, lines, lines) for each in (edges, expected)]
     np.testing.assert_allclose(*shares, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        Stop.annulus(90.0, 45.0),
+        Stop.ellipse(90.0, 50.0),
+        Stop.rectangle(60.0, 80.0),
+        Stop.polygon([(-40, -30), (45, -20), (30, 35), (0, 5), (-35, 40)]),
+    ],
+    ids=lambda stop: stop.shape,
+)
+def test_a_box_is_told_to_lie_in_a_stop_or_off_it_unless_it_lies_at_the_rim(stop: Stop) -> None:
+    """Against booleans of every box, also grown by a tenth of a micrometre, beyond which all is decided."""
+    random = np.random.default_rng(5)
+    middle, half = random.integers(-60_000, 60_000, (50, 2)), random.integers(100, 12_000, (50, 2))
+    low, high = middle - half, middle + half
+    inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *low.T.astype(float), *high.T.astype(float))
+    assert min(inside.sum(), outside.sum()) >= 3
+    region = stop_region(stop, 1e3)
+    for held, away, lower, upper in zip(inside, outside, low, high, strict=True):
+        box, grown = (db.Region(db.Box(*(lower - by).tolist(), *(upper + by).tolist())) for by in (0, 100))
+        assert (grown - region).is_empty() <= held <= (box - region).is_empty()
+        assert (grown & region).is_empty() <= away <= (box & region).is_empty()
+
+
+def test_a_sweep_looks_at_all_edges_that_are_side_by_side() -> None:
+    """Of a column of k boxes, 4 k edges: 2 k of them side by side along x, 2 on a third of the height along y."""
+    column = db.Region([db.Box(0, 300 * k, 500, 300 * k + 100) for k in range(40)])
+    height = 39 * 300 + 100
+    expected = (160 * 80 / _MET_PER_SECOND, 160 * 2 * 40 * 100 / height / _MET_PER_SECOND)
+    assert sweep_s(column) == pytest.approx(expected)
+    assert sweep_s(column.transformed(db.Trans.M45)) == pytest.approx(expected[::-1])
 
 
 @pytest.mark.parametrize("stop", [Stop("circle", 90.0), Stop.annulus(90.0, 45.0), Stop.ellipse(90.0, 60.0)])

@@ -308,3 +308,12 @@ def test_lines_of_a_band_share_the_work_that_single_precision_does_not_speed_up(
     line = (more - few) / (lines[1] - lines[0])
     assert most - more == pytest.approx(line * (lines[2] - lines[1]))
     assert few > 2 * line * lines[0]
+
+
+def test_a_plan_states_what_the_probe_found() -> None:
+    """Far below the share of the accuracy that its tolerance is, and the constant of the path."""
+    for each in (each for each in CASES if each.name in ("near objects", "strong mixture", "field without gap")):
+        found = planned(each)
+        own = found.price.error - math.fsum(row.remaining for row in found.ingredients)
+        assert (found.choice.path == PHASED) != (found.choice.precision == "single")
+        assert 0 < own < priced(each).own_error(found.choice) / 10

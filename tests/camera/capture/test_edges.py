@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from optics_cases import camera, panel, pupil
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 from slanted_edges import (
     Floats,
@@ -21,7 +22,7 @@ from slanted_edges import (
 
 from maskfab.base.errors import SourceError
 from maskfab.camera.inspection.edge_mtf import measured_edges
-from maskfab.camera.inspection.edge_regions import Region, fitted_line
+from maskfab.camera.inspection.edge_regions import Region, fitted_line, found_edges
 from maskfab.camera.inspection.slanted_edge import FLAT, FREQUENCIES, EdgeMtf, Grid, rice_interval
 from maskfab.optics.psf import point_psf
 
@@ -161,6 +162,22 @@ def test_the_four_edges_of_a_square_are_told_apart():
         assert 0 <= each.edge.region.left < each.edge.region.right <= 300
     alone = measured_edges(1 - square, PIXEL_UM, region=left).edges
     assert [each.edge.direction for each in alone] == [found.edges[0].edge.direction]
+
+
+def test_every_square_of_a_row_is_found():
+    """A step beside a stronger one is not its stair's if it is out of its reach."""
+    values = np.full((120, 230), 0.1)
+    values[30:90, 30:90] = values[30:90, 140:200] = 0.9
+    values = gaussian_filter(values, 1.0)
+    found, refused = found_edges(values, np.ones(values.shape, np.bool_))
+    assert not refused
+    places = sorted((each.direction, round(each.offset + 0.5), each.lines[0] > 100) for each in found)
+    upright = [("horizontal", place, False) for place in (30, 90, 140, 200)]
+    assert places == upright + [("vertical", place, right) for place in (30, 90) for right in (False, True)]
+    for each in found:
+        # Half a step each side is left to the blur; what is not free is another edge, or the border.
+        assert each.lines[1] - each.lines[0] == pytest.approx(60 - 4 * 2, abs=2)
+        assert each.reach in {29, 39}
 
 
 def test_the_stair_behind_a_display_is_one_edge_seen_through_its_window():
