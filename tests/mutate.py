@@ -128,8 +128,27 @@ def texts(folder: str) -> dict[Path, str]:
     return {path: path.read_text() for path in sorted((ROOT / folder).rglob("*.py"))}
 
 
+@cache
+def callers(path: Path, function: str) -> re.Pattern[str]:
+    """Calls of a function, or for a private one of the public ones of its file that lead to it."""
+    said = {
+        node.name: {getattr(each, "id", getattr(each, "attr", "")) for each in ast.walk(node)}
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    }
+    names = {function}
+    while more := {name for name, words in said.items() if any(w in names and w[:1] == "_" for w in words)} - names:
+        names |= more
+    # Shorter words are said of much else.
+    return re.compile("|".join(rf"\b{name}\(|\.{name}\b" for name in sorted(names) if len(name) > 4) or "(?!)")
+
+
 def nearest(fault: Fault, most: int) -> list[Path]:
-    """Test files that import the faulty module, or a module that does; those that speak most of the function first."""
+    """Test files that import the faulty module, or a module that does, themselves or by a helper of theirs.
+
+    Those that speak most of the function and of its callers come first, then those of the module's own room.
+    """
+    room = fault.path.relative_to(ROOT / "maskfab").parts[0]
 
     def importers(module: str, folder: str) -> list[Path]:
         parent, _, last = module.rpartition(".")
@@ -139,12 +158,17 @@ def nearest(fault: Fault, most: int) -> list[Path]:
     def named(path: Path) -> str:
         return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
-    def closeness(path: Path) -> tuple[int, int, int]:
+    def closeness(path: Path) -> tuple[int, bool, int, int]:
         text = texts("tests")[path]
         same = path.stem.removeprefix("test_") == fault.path.stem
-        return 3 * same + text.count(fault.function), text.count(fault.path.stem), -len(text)
+        spoken = len(callers(fault.path, fault.function).findall(text)) + 3 * text.count(fault.function)
+        return 9 * same + spoken, room in path.parts, text.count(fault.path.stem), -len(text)
 
     direct = importers(named(fault.path), "tests")
+    helpers = "|".join(path.stem for path in direct if not path.name.startswith("test_"))
+    if helpers:
+        said = re.compile(rf"^from (\w+\.)?({helpers}) import", re.M)
+        direct = [path for path, text in texts("tests").items() if path in direct or said.search(text)]
     beyond = {test for module in importers(named(fault.path), "maskfab") for test in importers(named(module), "tests")}
     found = [
         path

@@ -73,6 +73,13 @@ def test_ports_hold_in_every_orientation_and_no_larger_set_does() -> None:
                 assert [path[0, side] for path in paths] == [path[-1, side] for path in paths] == list(found.places)
 
 
+def test_ports_of_one_direction_are_those_of_its_own_ends() -> None:
+    """No upright line ends at an open dot of the uppermost row, nor at its mirror image; its sides do not matter."""
+    closed = np.ones((6, 6), dtype=bool)
+    closed[-1, 1] = False
+    assert ports(closed, ["vertical"]).places == ports(closed.T, ["horizontal"]).places == (0, 2, 3, 5)
+
+
 def test_all_closed_has_every_port() -> None:
     assert ports(np.ones((6, 6), dtype=bool)).count == 6
 

@@ -17,7 +17,7 @@ from maskfab.optics.lags import LagTable, lag_table
 from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
 from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
-from maskfab.optics.rim import RimParts
+from maskfab.optics.rim import RimParts, _bits
 
 STOPS = {
     "circle": Stop("circle", 61.3),
@@ -298,3 +298,13 @@ def test_a_table_of_dots_laid_out_as_bytes_is_that_of_numbers(monkeypatch, held,
     np.testing.assert_allclose(table.values, expected.values, atol=1e-14 * scale, rtol=0)
     x, y = np.random.default_rng(0).uniform(-20, 20, (2, 50))
     np.testing.assert_allclose(table.otf(x, y), expected.otf(x, y), atol=1e-14, rtol=0)
+
+
+def test_clear_dots_are_bits_in_a_margin_unless_one_is_grey() -> None:
+    """Of more rows than are looked at at a time, the first and the last with clear dots."""
+    whole = (np.random.default_rng(1).random((2500, 9)) < 0.6).astype(np.float64)
+    bits = _bits(whole)
+    assert bits is not None
+    np.testing.assert_array_equal(bits, np.pad(whole, 1))
+    whole[2400, 3] = 0.5
+    assert _bits(whole) is None
