@@ -119,7 +119,7 @@ def test_a_box_is_of_the_die_in_whose_slot_its_middle_lies():
     dies = [SimpleNamespace(centre=(x, y), box=(x - 20, y - 9, x + 20, y + 9)) for x, y in places]
     inside = np.array([(x - 20, y - 9, x - 12, y + 9) for x, y in places])
     assert nearest_die(inside, dies).tolist() == die_of(inside, dies).tolist() == [0, 1, 2, 3, 4]
-    beside = inside + (0, 1, 0, 1)
+    beside = inside + np.array([0, 1, 0, 1])
     assert nearest_die(beside, dies).tolist() == [0, 1, 2, 3, 4]
     assert die_of(beside, dies).tolist() == [5] * 5
     assert nearest_die(np.array([(299, -41, 301, -39)]), dies).tolist() == [5]
