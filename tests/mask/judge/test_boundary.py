@@ -81,6 +81,18 @@ def test_scaled_and_slanted_cells_are_read_as_they_are_drawn():
     assert boundary(layout).slanted.size
 
 
+@pytest.mark.parametrize("turn", [db.ICplxTrans(2.0, 0, False, 5, 7), db.ICplxTrans(1.0, 45, False, 500, 0)])
+def test_a_scaled_cell_is_not_taken_for_the_next(turn):
+    layout, _ = layout_of()
+    layer, top = layout.layer(LAYER), layout.top_cell()
+    for number, place in enumerate((turn, db.ICplxTrans(0, 900))):
+        child = layout.create_cell(f"CHILD{number}")
+        child.shapes(layer).insert(db.Box(0, 0, 100, 40 + number))
+        top.insert(db.CellInstArray(child.cell_index(), place))
+    flat, _ = layout_of(*db.Region(top.begin_shapes_rec(layer)).each())
+    assert total([boundary(layout), boundary(flat).times(-1)]).empty
+
+
 @pytest.mark.parametrize("turns", [(0, 1, 2, 3), (3, 2, 1, 0)])
 def test_holes_and_keyholes_are_the_same(turns):
     ring = db.Polygon([db.Point(0, 0), db.Point(0, 90), db.Point(90, 90), db.Point(90, 0)])
