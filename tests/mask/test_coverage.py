@@ -9,7 +9,7 @@ from sweeps import examples
 
 from maskfab.mask import raster
 from maskfab.mask.layout import region
-from maskfab.mask.raster import coverage, placed_boxes, to_boxes
+from maskfab.mask.raster import coverage, disjoint, placed_boxes, to_boxes
 
 coordinates = st.integers(-20, 60)
 boxes = st.lists(st.tuples(coordinates, coordinates, st.integers(1, 40), st.integers(1, 40)), max_size=8)
@@ -99,6 +99,13 @@ def test_nothing_covers_nothing():
     edges = np.arange(4.0)
     assert not coverage(db.Region(), edges, edges).any()
     assert not coverage(np.zeros((0, 4), dtype=np.int64), edges, edges).any()
+
+
+@given(parts=st.lists(st.tuples(*[st.integers(0, 9)] * 2, *[st.integers(1, 4)] * 2), max_size=5))
+def test_boxes_are_disjoint_where_their_areas_add_up(parts):
+    array = boxes_to_array(parts)
+    drawn = db.Region([db.Box(*box) for box in array.tolist()])
+    assert disjoint(array) == (drawn.merged(True, 1).area() == sum(wide * high for *_, wide, high in parts))
 
 
 def test_to_boxes_tiles_a_region():

@@ -173,6 +173,21 @@ def test_a_corner_letter_has_eleven_squares_and_six_corners(feature):
     assert all(target == read for target, read in measured(drawn))
 
 
+@pytest.mark.parametrize("feature", FEATURES)
+def test_the_middle_of_a_row_is_its_place(feature):
+    rows = {
+        "LS": line_space("LS", AT, feature, (1, 1.5, 5), 5, 1_000),
+        "DOSE": checkerboards("DOSE", AT, feature, (1, 2), 10),
+        "L": corner_letters("L", AT, feature, (1, 2, 5)),
+    }
+    for drawn in rows.values():
+        x0, y0, x1, y1 = bounding_box([polygon for mark in drawn.marks for polygon in mark.polygons])
+        assert (x0 + x1, y0 + y1) == pytest.approx((2 * AT[0], 2 * AT[1]), abs=2)
+    # Of bars, which lie and stand in turns, the middles are even about it.
+    middles = [gauge.centre_nm for gauge in cd_bars("CD", AT, feature, (1, 2, 5), 500_000).gauges]
+    assert np.mean(middles, axis=0).tolist() == list(AT)
+
+
 @pytest.mark.parametrize("draw", [line_space, checkerboards, corner_letters])
 def test_figures_of_twice_the_feature_have_four_times_the_area(draw):
     more = {line_space: (4, 1), checkerboards: (8,), corner_letters: ()}[draw]

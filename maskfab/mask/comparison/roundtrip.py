@@ -461,7 +461,7 @@ def _compare_dots(die: Die, read: db.Layout, tolerance_nm: float) -> tuple[bool,
 def _check_die(die: Die, dots: tuple[bool, int, int] | None, differing: dict[Layer, db.Region]) -> DieCheck:
     box = db.Region(db.Box(*die.box_nm))
     xor_area = sum((shapes & box).area() for shapes in differing.values() if not shapes.is_empty()) / _NM2_PER_UM2
-    _, wrong, touches = dots or (False, None, None)
+    wrong, touches = dots[1:] if dots else (None, None)
     return DieCheck(die.name, xor_area, wrong, touches)
 
 

@@ -67,7 +67,7 @@ def stencilled(mark: Mark, holes: Holes, narrowest_nm: int = 0) -> Mark:
 
 def inner_edges(drawn: db.Region) -> db.Edges:
     """Where two polygons of a region, taken as they were put in, share a piece of edge; told from either side."""
-    whole = drawn.merged(True, 1)
+    whole = drawn.merged()
     raw = drawn.dup()
     raw.merged_semantics = False
     edges = raw.edges()

@@ -217,11 +217,13 @@ def figures(layout: db.Layout, *layers: db.LayerInfo) -> Iterator[tuple[db.Layer
 
 
 def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
-    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is scaled.
+    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is scaled or slanted.
 
     They are those of edges that are put into the cells for a moment, from the origin to the right by twice the cell's
     number from 1, and upwards by the number. KLayout turns the edges of mirrored cells round.
     """
+    if any(instance.is_complex() for cell in layout.each_cell() for instance in cell.each_inst()):
+        return None
     layer = layout.insert_layer(db.LayerInfo("PLACES"))
     try:
         for number, cell in enumerate(cells, 1):
@@ -236,8 +238,6 @@ def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, 
     mirrored = (lengths[:, 0] > lengths[:, 1]) != (legs[:, 0] * legs[:, 1] > 0)
     places, legs = ends[np.arange(len(ends)), mirrored.astype(np.intp)], np.where(mirrored[:, None], -legs, legs)
     number = lengths.min(axis=1)
-    if (lengths.max(axis=1) != 2 * number).any() or number.min() < 1 or number.max() > len(cells):
-        return None
     _, first, kind = np.unique(packed(*legs.T), return_index=True, return_inverse=True)
     order = np.argsort(kind, kind="stable")
     parts = np.split(places[order], np.flatnonzero(np.diff(kind[order])) + 1)

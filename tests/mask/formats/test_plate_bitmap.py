@@ -6,6 +6,7 @@ import shutil
 import struct
 from collections import namedtuple
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -18,6 +19,7 @@ from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.model import CLEAR, Mark, Plate
 from maskfab.mask.dots import NM_PER_INCH
 from maskfab.mask.formats.plate_bitmap import (
+    _strip_rows,
     bmp_bytes,
     check_plate_bitmap,
     check_plate_dots,
@@ -167,6 +169,28 @@ def test_pack_bits_is_what_its_definition_unpacks(parts):
             place += 2
     assert unpacked == row
     assert len(packed) <= len(row) + -(-len(row) // 128)
+
+
+LITERALS = st.binary(min_size=1, max_size=128).map(lambda data: (bytes([len(data) - 1]) + data, data))
+REPEATS = st.tuples(st.integers(2, 128), st.binary(min_size=1, max_size=1)).map(
+    lambda run: (bytes([257 - run[0]]) + run[1], run[0] * run[1])
+)
+
+
+@given(parts=st.lists(LITERALS | REPEATS | st.just((b"\x80", b"")), max_size=8), last=LITERALS)
+def test_rows_of_pack_bits_are_read_whatever_wrote_them(parts, last):
+    """Bytes as they are, bytes that repeat, and the 128 that means nothing, as TIFF 6.0 has them."""
+    packed, row = (b"".join(of) for of in zip(*parts, last, strict=True))
+    other = row[::-1]
+    literal = b"".join(
+        bytes([len(piece) - 1]) + piece for k in range(0, len(row), 128) if (piece := other[k : k + 128])
+    )
+    found = list(_strip_rows(Path("x.tif"), 2 * packed + literal, len(row), 3))
+    assert [each for each, count in found for _ in range(count)] == [row, row, other]
+    with pytest.raises(SourceError, match="MF303"):
+        list(_strip_rows(Path("x.tif"), packed[:-1], len(row), 1))
+    with pytest.raises(SourceError, match="MF303"):
+        list(_strip_rows(Path("x.tif"), packed + b"\x80", len(row), 1))
 
 
 def test_what_no_file_or_disk_holds_is_refused_before_it_is_begun(small_plate, tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import time
 import zipfile
@@ -318,5 +319,9 @@ def test_a_step_header_tells_its_makers_but_not_the_time(small_plate, tmp_path):
 
 def test_a_plate_in_step_is_light(small_plate, tmp_path):
     path = tmp_path / "x.step"
-    write_plate_step(small_plate, path, ["job 0123"])
+    placed = [replace(die, centre_nm=(die.centre_nm[0], 3000 * n - 7000)) for n, die in enumerate(small_plate.dies)]
+    write_plate_step(replace(small_plate, dies=tuple(placed)), path, ["job 0123"])
     assert path.stat().st_size < 60_000
+    points = re.findall(r"CARTESIAN_POINT\('',\(([^)]*)\)\)", path.read_text())
+    there = {tuple(round(float(value) * 1e6) for value in point.split(",")) for point in points}
+    assert there >= {((x0 + x1) // 2, (y0 + y1) // 2, 0) for x0, y0, x1, y1 in (die.box_nm for die in placed)}

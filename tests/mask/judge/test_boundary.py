@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import product
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.mask.judge.dies import Boundary, figures, total
+from maskfab.mask.judge.dies import Boundary, die_of, figures, narrowed, nearest_die, total
 
 LAYER = db.LayerInfo(1, 0)
 NUMBERS = st.integers(-40, 40)
@@ -78,6 +81,18 @@ def test_scaled_and_slanted_cells_are_read_as_they_are_drawn():
     assert boundary(layout).slanted.size
 
 
+@pytest.mark.parametrize("turn", [db.ICplxTrans(2.0, 0, False, 5, 7), db.ICplxTrans(1.0, 45, False, 500, 0)])
+def test_a_scaled_cell_is_not_taken_for_the_next(turn):
+    layout, _ = layout_of()
+    layer, top = layout.layer(LAYER), layout.top_cell()
+    for number, place in enumerate((turn, db.ICplxTrans(0, 900))):
+        child = layout.create_cell(f"CHILD{number}")
+        child.shapes(layer).insert(db.Box(0, 0, 100, 40 + number))
+        top.insert(db.CellInstArray(child.cell_index(), place))
+    flat, _ = layout_of(*db.Region(top.begin_shapes_rec(layer)).each())
+    assert total([boundary(layout), boundary(flat).times(-1)]).empty
+
+
 @pytest.mark.parametrize("turns", [(0, 1, 2, 3), (3, 2, 1, 0)])
 def test_holes_and_keyholes_are_the_same(turns):
     ring = db.Polygon([db.Point(0, 0), db.Point(0, 90), db.Point(90, 90), db.Point(90, 0)])
@@ -91,3 +106,32 @@ def test_holes_and_keyholes_are_the_same(turns):
     assert total([drawn, Boundary.of_raster(lines, lines, clear).times(-1)]).empty
     middles = np.array([-5.0, 15, 45, 75, 95])
     assert drawn.seen(middles, middles).tolist() == np.pad(clear.astype(int), 1).tolist()
+
+
+@given(
+    x=st.lists(st.integers(4, 9), min_size=1, max_size=6),
+    y=st.lists(st.integers(4, 9), min_size=1, max_size=6),
+    bias=st.sampled_from([-4, -2, 2, 4]),
+    seed=st.integers(0, 999),
+)
+def test_a_bias_moves_every_edge_by_half_of_it(x, y, bias, seed):
+    clear = np.random.default_rng(seed).random((len(y), len(x))) < 0.5
+    across, up = np.cumsum([3, *x]), np.cumsum([-7, *y])
+    dots = db.Region()
+    for row, column in np.argwhere(clear).tolist():
+        dots.insert(db.Box(*map(int, (across[column], up[row], across[column + 1], up[row + 1]))))
+    moved = dots.merged(True, 1).sized(-bias // 2).merged(True, 1)
+    found = Boundary.of_raster(*narrowed(across, up, clear, bias))
+    assert total([found, boundary(layout_of(*moved.each())[0]).times(-1)]).empty
+
+
+def test_a_box_is_of_the_die_in_whose_slot_its_middle_lies():
+    """Three columns at uneven steps and two rows, of which one place is empty."""
+    places = [(x, y) for x, y in product((-900, 0, 300), (-40, 60)) if (x, y) != (300, -40)]
+    dies = [SimpleNamespace(centre=(x, y), box=(x - 20, y - 9, x + 20, y + 9)) for x, y in places]
+    inside = np.array([(x - 20, y - 9, x - 12, y + 9) for x, y in places])
+    assert nearest_die(inside, dies).tolist() == die_of(inside, dies).tolist() == [0, 1, 2, 3, 4]
+    beside = inside + np.array([0, 1, 0, 1])
+    assert nearest_die(beside, dies).tolist() == [0, 1, 2, 3, 4]
+    assert die_of(beside, dies).tolist() == [5] * 5
+    assert nearest_die(np.array([(299, -41, 301, -39)]), dies).tolist() == [5]
