@@ -304,9 +304,7 @@ def top_residual(
     whole = side + 2 * margin
     smallest = min(min(scene.values.shape[1:]) for scene in scenes)
     if whole > smallest:
-        what = (
-            f"crops with their margins have {whole} x {whole} pixels, and a scene only {smallest} along a side"
-        )
+        what = f"crops with their margins have {whole} x {whole} pixels, and a scene only {smallest} along a side"
         cure = f"Give photographs of at least {whole} x {whole} pixels"
         raise JobError("MF104", what, where="design.scenes", cure=cure)
     draw = np.random.default_rng((seed, 1))
