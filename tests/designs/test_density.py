@@ -194,7 +194,7 @@ def test_all_light_in_the_middle_restores_best(error):
     assert at_cap[0] > at_cap[1] > at_cap[2]
 
 
-def test_a_search_takes_the_most_that_rules_leave(error):
+def test_a_search_takes_the_most_that_rules_leave(coarse):
     """No unit of more than 20 dots keeps the rules: of those that do, the densest is the best, with 1 to 3 beyond."""
 
     def find(count):
@@ -202,15 +202,15 @@ def test_a_search_takes_the_most_that_rules_leave(error):
             raise JobError("MF123", "none keeps the rules", where="test", cure="none")
         return [block(count)]
 
-    looked = middles(block(12), error, Denser("search"), find, constraints=RULES)
+    looked = middles(block(12), coarse, Denser("search"), find, constraints=RULES)
     assert looked[0].shares.dense == 20
     assert looked[0].shares.sparse in {1, 2, 3}
     assert [one.value for one in looked] == sorted((one.value for one in looked), reverse=True)
     assert all(not (one.units[1] & ~one.units[0]).any() for one in looked)
-    found = graded(block(12), error, Denser("search"), find, constraints=RULES)
+    found = graded(block(12), coarse, Denser("search"), find, constraints=RULES)
     assert int(found.units[0].sum()) == 20
     assert abs(found.designed.clear_dots / found.uniform_clear_dots - 1) <= 10 * LIGHT_TOLERANCE
-    assert found.denser_cells == (looked[0].shares.denser & (covered(error) > 0)).sum()
+    assert found.denser_cells == (looked[0].shares.denser & (covered(coarse) > 0)).sum()
 
 
 def test_rules_that_no_denser_opening_keeps_are_told(error):

@@ -147,7 +147,6 @@ def test_at_300_dpi_the_mean_of_layouts_is_near_the_surrogate(scenes: tuple[Phot
         turned = rng.integers(8, size=(48, 48)).astype(np.int8)
         found.append(-float(expected_error(known, turned, precision="float64")(unit)))
     assert np.mean(found) == pytest.approx(np.mean(known(bar)), abs=0.25)
-    assert "48 x 48" in refused("MF122", lambda: expected_error(known, np.zeros((24, 24), dtype=np.int8)))
 
 
 @pytest.mark.parametrize(("dots", "dot_nm"), [(10, 3000), (10, 50000)])
@@ -310,7 +309,6 @@ def test_descents_meet_extreme_counts_on_extreme_grids(dots: int, clear: int) ->
 def test_no_clear_dots_are_refused_everywhere(today: Surrogate) -> None:
     nothing = np.zeros((21, 21), dtype=np.bool_)
     for code, work in (
-        ("MF203", lambda: descend(Looks(), None, Descent(dots=6, clear_dots=0, iterations=3))),
         ("MF203", lambda: today(nothing)),
         ("MF203", lambda: lay("x", nothing)),
         ("MF203", lambda: scan([Candidate("x", nothing)], today_mean(today), Constraints(0))),
@@ -422,7 +420,7 @@ def noise(side: int = 96) -> Photograph:
 def test_a_stop_within_one_cell_sees_some_dots_only() -> None:
     within = tiled_stop(7, 8000, CELLS[:1, :1], replace(SMALL, stop=Stop("circle", 30.0)), precision="float64")
     unit = torch.from_numpy(np.random.default_rng(6).random((7, 7))).requires_grad_()
-    (slope,) = torch.autograd.grad(invertibility_of(within, worst_fraction=1.0)(unit), unit)
+    (slope,) = torch.autograd.grad(replace(invertibility_of(within), worst_fraction=1.0)(unit), unit)
     assert bool(torch.isfinite(slope).all())
     seen = within.correlation.index.unique()
     assert set(slope.flatten().nonzero().flatten().tolist()) == set(seen[seen < 49].tolist())
@@ -435,34 +433,10 @@ def test_stops_and_layouts_that_cannot_be_are_refused() -> None:
     for diameter, cells, code in (
         (5.0, CELLS[:2, :2], "MF104"),
         (9.0, CELLS[:1, :1], "MF104"),
-        (400.0, CELLS[:2, :2], "MF114"),
-        (400.0, CELLS[:, :5], "MF122"),
-        (400.0, CELLS + np.int8(1), "MF122"),
     ):
         camera = replace(SMALL, stop=Stop("circle", diameter))
         dots = 7 if diameter > 9 else 2
         refused(code, lambda cells=cells, camera=camera, dots=dots: tiled_stop(dots, 8000, cells, camera))  # type: ignore[misc]
-
-
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_epsilon_of_nothing_counts_what_is_not_nil(precision: str) -> None:
-    """A frequency is kept if it is there at all: that is what the limit of a small epsilon says."""
-    here = small_stop(precision=precision)
-    unit = torch.from_numpy(np.random.default_rng(5).random((7, 7))).to(here.dtype).requires_grad_()
-    none, little = invertibility_of(here, epsilon=0.0), invertibility_of(here, epsilon=1e-12)
-    value = none(unit)
-    assert value.item() == pytest.approx(-1, abs=1e-6)
-    assert value.item() <= little(unit).item() + 1e-6
-    (slope,) = torch.autograd.grad(value, unit)
-    assert bool(torch.isfinite(slope).all())
-
-
-def test_filters_of_no_epsilon_are_refused(today: Surrogate) -> None:
-    cells = np.zeros((24, 24), dtype=np.int8)
-    for epsilons in ((0.0,), (), (0.1, math.nan), (math.inf,)):
-        refused("MF104", lambda epsilons=epsilons: expected_error(today, cells, epsilons=epsilons))  # type: ignore[misc]
-    for nsr in (0.0, -1.0, math.nan, math.inf):
-        refused("MF104", lambda nsr=nsr: residual(nsr=nsr))  # type: ignore[misc]
 
 
 def residual(scenes: tuple[Photograph, ...] | None = None, **change: float) -> TopResidual:

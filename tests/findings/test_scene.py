@@ -118,9 +118,15 @@ def test_what_the_plan_leaves_out_is_measured_within_its_estimate(behind_gap):
     assert all(quantity.die == "D" for quantity in behind_gap.quantities)
 
 
-def test_twice_the_gap_at_half_the_height_moves_the_shadow_as_far():
+@pytest.fixture(scope="module")
+def straight() -> SceneOptics:
+    """Without the light's angle."""
+    return measured(Scene(gap_um=60.0, field_um=3000.0), 0.4, oblique=False)
+
+
+def test_twice_the_gap_at_half_the_height_moves_the_shadow_as_far(straight):
     """Where diffraction and the light's angle are left out, gap times height is all that counts."""
-    shorter, longer = (measured(Scene(gap_um=60.0 * n, field_um=3000.0 / n), 0.4, oblique=False) for n in (1, 2))
+    shorter, longer = straight, measured(Scene(gap_um=120.0, field_um=1500.0), 0.4, oblique=False)
     assert not shorter.plan.choice.diffraction
     assert not longer.plan.choice.diffraction
     assert shorter.field
@@ -129,9 +135,9 @@ def test_twice_the_gap_at_half_the_height_moves_the_shadow_as_far():
             assert a.residual == pytest.approx(b.residual, rel=1e-6, abs=1e-12)
 
 
-def test_a_longer_shift_leaves_more_blur():
-    short, long = (measured(Scene(gap_um=gap, field_um=3000.0), 0.4, oblique=False) for gap in (40.0, 60.0))
-    assert told(short)["field_residual"] < told(long)["field_residual"]
+def test_a_longer_shift_leaves_more_blur(straight):
+    short = measured(Scene(gap_um=40.0, field_um=3000.0), 0.4, oblique=False)
+    assert told(short)["field_residual"] < told(straight)["field_residual"]
 
 
 def test_where_the_focus_is_near_the_far_end_is_the_worse():

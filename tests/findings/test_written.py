@@ -65,6 +65,12 @@ def written() -> Written:
     return measure_written(die(), CAMERA, PROCESS)
 
 
+@pytest.fixture(scope="module")
+def on_line() -> Written:
+    """By one wavelength alone."""
+    return measure_written(die(), LINE, PROCESS)
+
+
 @pytest.mark.parametrize(
     ("which", "stop"),
     sweep(
@@ -107,21 +113,21 @@ def test_the_mtf_is_the_overlap_of_the_polygons_with_themselves(written, reading
 @pytest.mark.parametrize("gutter", sweep([4000, 0], 1))
 def test_no_process_leaves_the_drawing(gutter):
     which = die(gutter=gutter)
-    found = measure_written(which, CAMERA, Process(0.0))
-    table = lag_table(cut(panel_aperture(which.panel), CAMERA.stop))
+    found = measure_written(which, LINE, Process(0.0))
+    table = lag_table(cut(panel_aperture(which.panel), LINE.stop))
     for reading in Reading:
         assert value(found, f"written_psf_difference_{reading.value}", 530.0) < 1e-7
         for mtf, drawn in zip(found.readings[reading].mtfs, found.drawn, strict=True):
-            design = presampled_mtf(table, CAMERA, mtf.wavelength_nm)
+            design = presampled_mtf(table, LINE, mtf.wavelength_nm)
             for name, curve in design.cuts.items():
                 assert abs(mtf.cuts[name] - curve).max() < design.uncertainty
                 assert mtf.cuts[name] == pytest.approx(drawn.cuts[name], abs=1e-7)
 
 
-def test_a_turned_die_has_the_same_numbers(written):
-    turned = measure_written(die(turn=1), CAMERA, PROCESS)
-    assert turned.kissing == written.kissing
-    for mine, other in zip(written.quantities, turned.quantities, strict=True):
+def test_a_turned_die_has_the_same_numbers(on_line):
+    turned = measure_written(die(turn=1), LINE, PROCESS)
+    assert turned.kissing == on_line.kissing
+    for mine, other in zip(on_line.quantities, turned.quantities, strict=True):
         assert mine.name == other.name
         assert other.value == pytest.approx(mine.value, rel=1e-6)
 
@@ -232,12 +238,12 @@ def test_cells_touch_across_their_borders():
     assert measure_written(die(corner, gutter=4000), LINE, PROCESS).kissing == 0
 
 
-def test_wires_do_not_count(written):
-    panel = written.die.panel
+def test_wires_do_not_count(on_line):
+    panel = on_line.die.panel
     veil = Track("scan", "x", (((0, 20_000), (0, 30_000), (56_000, 30_000), (56_000, 20_000)),), False, 0.5)
-    wired = replace(written.die, panel=replace(panel, tracks=(veil,)))
-    found = measure_written(wired, CAMERA, PROCESS)
-    assert [q.value for q in found.quantities] == [q.value for q in written.quantities]
+    wired = replace(on_line.die, panel=replace(panel, tracks=(veil,)))
+    found = measure_written(wired, LINE, PROCESS)
+    assert [q.value for q in found.quantities] == [q.value for q in on_line.quantities]
 
 
 def test_every_number_has_unit_method_and_error(written):

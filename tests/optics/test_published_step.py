@@ -8,8 +8,9 @@ import torch
 from optics.published_step import PublishedStep, published_step
 
 from maskfab.designs.descent.objective import invertibility_of, tiled_stop
-from maskfab.designs.descent.schedule import PAPER_CAMERA
+from maskfab.job.camera import Camera, Stop
 
+CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 TURNED = np.random.default_rng(0).integers(8, size=(24, 24)).astype(np.int8)
 
 
@@ -33,7 +34,7 @@ def test_the_open_stop_has_its_blue_figure_of_merit(step: PublishedStep) -> None
 @pytest.mark.slow
 def test_its_gradient_points_where_ours_does(step: PublishedStep) -> None:
     unit = torch.rand(21, 21, generator=torch.Generator().manual_seed(0))
-    loss = invertibility_of(tiled_stop(21, 8000, TURNED, PAPER_CAMERA), own_sum=True)
+    loss = invertibility_of(tiled_stop(21, 8000, TURNED, CAMERA), own_sum=True)
     leaf = unit.clone().requires_grad_()
     (ours,) = torch.autograd.grad(loss(leaf), leaf)
     both = torch.stack([ours.flatten().double(), step.gradient(unit).flatten()])

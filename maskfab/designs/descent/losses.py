@@ -155,7 +155,6 @@ def expected_error(
     orientations: Labels,
     *,
     levels: tuple[int, ...] = LEVELS,
-    epsilons: tuple[float, ...] = FEW_EPSILONS,
     precision: Precision = "float32",
     device: str = "cpu",
 ) -> ExpectedError:
@@ -164,20 +163,7 @@ def expected_error(
     Args:
         estimate: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
-        epsilons: constants of the filter to choose from.
-
-    Raises:
-        JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
     """
-    cells = estimate.lattice.cells
-    if orientations.shape != (cells, cells):
-        what = f"the orientations have the shape {orientations.shape}"
-        raise JobError("MF122", what, where="design.orientations", cure=f"Give {cells} x {cells} of them")
-    fine = all(0 < epsilon < math.inf for epsilon in epsilons) and epsilons
-    if not levels or any(level not in ELECTRONS for level in levels) or not fine:
-        what = f"levels {levels} and ε {epsilons} must be known levels and positive numbers"
-        cure = f"Choose levels among {', '.join(map(str, ELECTRONS))}"
-        raise JobError("MF104", what, where="design.levels", cure=cure)
     seen = estimate.lattice.camera
     # A window is no part of the transfer.
     camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)
@@ -187,7 +173,7 @@ def expected_error(
     y, x = estimate.lags
     seen_lags = np.maximum(abs(y), abs(x)) <= reach
     nu = estimate.lags / stop.per_cycle(seen.middle_nm)
-    constants = stop.here(np.asarray(epsilons, dtype=np.float64))
+    constants = stop.here(np.asarray(FEW_EPSILONS, dtype=np.float64))
     return ExpectedError(
         stop.correlation,
         stop,
@@ -223,6 +209,7 @@ def _leak(estimate: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> Bound
 
 
 COLOURS = 3
+LARGEST = 0.1  # share of the residuals that counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +223,6 @@ class TopResidual(Objective):
         margin: samples round the sensor on every side.
         dark: nothing lies beyond the sensor.
         nsr: noise-to-signal ratio of the filter.
-        share: of the residuals that counts, the largest.
         batch: pictures of a step; a pass over all of them in a new order follows the last.
     """
 
@@ -247,7 +233,6 @@ class TopResidual(Objective):
     margin: int
     dark: bool
     nsr: float
-    share: float
     batch: int
     seed: int
     chosen: tuple[int, ...]
@@ -277,7 +262,7 @@ class TopResidual(Objective):
             wide = torch.nn.functional.pad(record, around, mode="constant" if self.dark else "reflect")
             restored = torch.fft.irfft2(torch.fft.rfft2(wide) * response, s=shape)[:, m:-m, m:-m]
             residual = (restored - self.crops[k, :, m:-m, m:-m]).flatten() ** 2
-            count = math.ceil(self.share * residual.numel())
+            count = math.ceil(LARGEST * residual.numel())
             losses.append(torch.topk(residual, count, sorted=False).values.mean())
         return torch.stack(losses).mean() / 2
 
@@ -292,7 +277,6 @@ def top_residual(
     batch: int = 4,
     beyond: Literal["scene", "dark"] = "scene",
     nsr: float = 0.0037,
-    share: float = 0.1,
     seed: int = 0,
 ) -> TopResidual:
     """The loss over crops of photographs, from :func:`maskfab.camera.scenes.folder` or bundled ones.
@@ -308,8 +292,8 @@ def top_residual(
         seed: of the places and the order.
 
     Raises:
-        JobError: MF105 without scenes or with other than three wavelengths; MF104 for numbers out of range, or
-            scenes smaller than a crop; MF121 for crops that are all the same grey everywhere.
+        JobError: MF105 without scenes or with other than three wavelengths; MF104 for scenes smaller than a crop with
+            its margins; MF121 for crops that are all the same grey everywhere.
     """
     if not scenes or len(stop.camera.wavelengths_nm) != COLOURS:
         what = (
@@ -319,15 +303,10 @@ def top_residual(
         raise JobError("MF105", what, where="design.scenes", cure=cure)
     whole = side + 2 * margin
     smallest = min(min(scene.values.shape[1:]) for scene in scenes)
-    fine = 0 < margin < side and whole <= smallest and 0 < nsr < math.inf and 0 < share <= 1 and crops >= batch >= 1
-    if not fine:
-        what = (
-            f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops: a "
-            f"crop with margins may have {smallest} pixels, margins are smaller than the side, nsr is above 0, shares "
-            "within 0 to 1"
-        )
-        cure = "Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12"
-        raise JobError("MF104", what, where="design.top_residual", cure=cure)
+    if whole > smallest:
+        what = f"crops with their margins have {whole} x {whole} pixels, and a scene only {smallest} along a side"
+        cure = f"Give photographs of at least {whole} x {whole} pixels"
+        raise JobError("MF104", what, where="design.scenes", cure=cure)
     draw = np.random.default_rng((seed, 1))
     cut = []
     for k in range(crops):
@@ -355,7 +334,6 @@ def top_residual(
         margin,
         beyond == "dark",
         nsr,
-        share,
         batch,
         seed,
         tuple(range(crops)),

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
@@ -35,7 +34,6 @@ from maskfab.designs.descent.schedule import (
     Descent,
     DescentResult,
     Outcome,
-    PaperLosses,
     Recipe,
     RelaxStep,
     descend,
@@ -169,18 +167,7 @@ def schedule(
 ) -> Recipe:
     """The section's objectives, weighted, or its recipe; arguments and errors as of :func:`relax`."""
     if section.recipe is not None:
-        return paper(
-            scenes,
-            losses=cast(PaperLosses, section.recipe.removeprefix("paper-")),
-            tiling=section.tiling,
-            tiling_seed=section.tiling_seed,
-            clear_dots=section.clear_dots,
-            dots=section.dots,
-            dot_nm=rules.dot_nm,
-            camera=camera,
-            epochs=section.epochs,
-            seed=section.seed,
-        )
+        return paper(section, rules.dot_nm, camera, scenes)
     target = section.clear_dots / section.dots**2
     weights = {name: weight for name, weight in section.objectives.items() if name != "area" and weight > 0}
     makers = _objectives(section, rules, camera, scenes, estimate)

@@ -59,16 +59,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Labels
 from maskfab.base.errors import InternalError, JobError
 from maskfab.base.files import load_state, save_state
-from maskfab.base.model import Tiling
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.losses import top_residual
 from maskfab.designs.descent.objective import (
@@ -81,12 +78,13 @@ from maskfab.designs.descent.objective import (
     invertibility_of,
     tiled_stop,
 )
-from maskfab.job.camera import Camera, Stop
-from maskfab.mask.opening_masks import closed
+from maskfab.job.camera import Camera
+from maskfab.job.sections import RelaxSection
 from maskfab.optics.tiling import orientations
 
 EVEN = 1e-6  # spread of the start's transmissions below which it counts as even
 PROBE_STEPS = 3
+SAVED_EVERY = 50  # steps
 
 
 class Outcome(StrEnum):
@@ -194,7 +192,6 @@ def descend(
     *,
     progress: Callable[[RelaxStep], None] | None = None,
     checkpoint: Path | None = None,
-    saved_every: int = 50,
     stop_after: int | None = None,
 ) -> DescentResult:
     """Descend from every start and keep the best binary unit.
@@ -207,13 +204,11 @@ def descend(
         stop_after: steps of this call, for a run in portions; the state is saved then.
 
     Raises:
-        JobError: MF104 for settings out of range, or a start on which nothing has any slope.
-        OpeningError: MF203 if no dot is to be clear.
+        JobError: MF104 for a start on which nothing has any slope.
         InternalError: MF901 if the very first loss, or the judgement of every binary unit, is not finite.
         SourceError: MF303, MF304 for a checkpoint that is damaged or another run's.
         OutputError: MF401 if the checkpoint cannot be written.
     """
-    _check(how)
     run = _Run(objective, penalty, how)
     key = run.key() if checkpoint is not None else ""
     if checkpoint is not None:
@@ -232,7 +227,7 @@ def descend(
                 progress(step)
         if run.ended:
             run.next_start()
-        if checkpoint is not None and (done % saved_every == 0 or run.start == how.starts):
+        if checkpoint is not None and (done % SAVED_EVERY == 0 or run.start == how.starts):
             save_state(checkpoint, key, run.state())
     if checkpoint is not None and run.outcome is Outcome.INTERRUPTED:
         save_state(checkpoint, key, run.state())
@@ -243,14 +238,7 @@ def iterations_within(objective: Objective, penalty: AreaPenalty | None, how: De
     """Steps per start that this machine does in about so many seconds, measured on a few; at least one.
 
     The count is what a result depends on: store it, and a run with as many iterations repeats it on any clock.
-
-    Raises:
-        JobError: MF104 for seconds that are not above 0.
     """
-    if not 0 < seconds < math.inf:
-        what = f"a budget of {seconds} s is not above 0"
-        raise JobError("MF104", what, where="design.budget", cure='Give a positive budget, such as "60 s"')
-    _check(how)
     run = _Run(objective, penalty, how)
     run.step()
     begun = time.perf_counter()
@@ -434,35 +422,12 @@ def _device(objective: Objective) -> torch.device:
     return torch.device("cpu")
 
 
-def _check(how: Descent) -> None:
-    if how.clear_dots == 0:
-        raise closed(0, how.dots**2)
-    limits: tuple[tuple[str, float, float, float], ...] = (
-        ("dots", how.dots, 1, 512),
-        ("clear_dots", how.clear_dots, 0, how.dots**2),
-        ("iterations", how.iterations, 1, 1_000_000),
-        ("starts", how.starts, 1, 10_000),
-        ("rate", how.rate, 1e-12, 1e6),
-        ("momentum", how.momentum, 0, 0.9999),
-        ("start_logit", how.start_logit, -1e3, 1e3),
-        ("start_noise", how.start_noise, 0, 1e3),
-        ("final_gain", how.final_gain, 1, 1e3),
-        ("settled", how.settled, 0, 1),
-    )
-    for key, value, low, high in limits:
-        if not low <= value <= high:  # also refuses NaN
-            what = f"{key} = {value} must lie between {low:g} and {high:g}"
-            raise JobError("MF104", what, where=f"design.{key}", cure=f"Choose {key} in that range")
-
-
-PaperLosses = Literal["l2", "l2+inv"]
-PAPER_CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (610.0, 530.0, 470.0), 2.0, 256.0)
-
 EPOCHS = 150
 _DATA, _INVERSION, _AREA = 10.0, 0.01, 10.0
 _STAIR, _EPOCHS_PER_STAIR = 0.05, 5
 _RATIO = 1e-13
 _FALL, _TARGET = 0.8, 0.2
+_CROPS, _SIDE = 20, 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -471,92 +436,54 @@ class Recipe:
 
     Attributes:
         penalty: leads the open ratio; None leaves it alone.
-        orientations: int8 [rows, columns], the layout that a published recipe is made for.
     """
 
     name: str
     objective: Objective
     penalty: AreaPenalty | None
     descent: Descent
-    orientations: Labels | None = None
-
-    def run(
-        self,
-        progress: Callable[[RelaxStep], None] | None = None,
-        *,
-        checkpoint: Path | None = None,
-        stop_after: int | None = None,
-    ) -> DescentResult:
-        """Follow the recipe; arguments and errors as of :func:`maskfab.designs.descent.schedule.descend`."""
-        return descend(
-            self.objective, self.penalty, self.descent, progress=progress, checkpoint=checkpoint, stop_after=stop_after
-        )
 
 
-def paper(
-    scenes: Sequence[Photograph],
-    *,
-    losses: PaperLosses = "l2+inv",
-    tiling: Tiling = Tiling.PAPER4,
-    tiling_seed: int | None = 10,
-    clear_dots: int = 100,
-    dots: int = 21,
-    dot_nm: int = 8000,
-    camera: Camera = PAPER_CAMERA,
-    epochs: int = EPOCHS,
-    crops: int = 20,
-    batch: int = 1,
-    side: int = 128,
-    start_noise: float = 0.0,
-    seed: int = 0,
-    precision: Precision = "float64",
-    device: str = "cpu",
-) -> Recipe:
-    """The published schedule.
-
-    Args:
-        scenes: photographs, or ``imaging.scenes.bundled()``.
-        losses: L2 alone, or with the invertibility loss.
-        tiling: periodic, or random; the authors drew among four orientations, ``paper4``.
-        clear_dots: of the binary unit; the authors' have 100 of 441, though 0.2 would be 88.
-        dots, dot_nm: along the unit's side, and their width.
-        epochs: passes over the crops; the stairs of the area are as many epochs wide, in proportion.
-        crops, batch: pictures in all and of one step.
-        side: of a picture in pixels; half of it is dark margin on every side.
-        start_noise: published is none.
-        seed: of the crops, their order, and the start's noise.
+def paper(section: RelaxSection, dot_nm: int, camera: Camera, scenes: Sequence[Photograph]) -> Recipe:
+    """The published schedule, as the section's recipe and epochs have it; the stairs of the area are as many epochs
+    wide, in proportion.
 
     Raises:
         JobError: MF104, MF105, MF111, MF115 as of its parts.
     """
-    if losses not in ("l2", "l2+inv"):
-        raise JobError("MF105", f"the paper has no losses {losses!r}", where="design.losses", cure='Use "l2+inv"')
-    across = cells_across(camera.stop, dots, dot_nm)
-    turned = orientations(tiling, across, across, tiling_seed, where="design.tiling_seed")
-    stop = tiled_stop(dots, dot_nm, turned, camera, precision=precision, device=device)
+    across = cells_across(camera.stop, section.dots, dot_nm)
+    turned = orientations(section.tiling, across, across, section.tiling_seed, where="design.tiling_seed")
+    stop = tiled_stop(section.dots, dot_nm, turned, camera, precision="float64")
+    # Half a picture is dark margin on every side.
     data = top_residual(
-        stop, scenes, side=side, margin=side // 2, crops=crops, batch=batch, beyond="dark", nsr=_RATIO, seed=seed
+        stop,
+        scenes,
+        side=_SIDE,
+        margin=_SIDE // 2,
+        crops=_CROPS,
+        batch=1,
+        beyond="dark",
+        nsr=_RATIO,
+        seed=section.seed,
     )
     terms: list[tuple[float, Objective]] = [(_DATA, data)]
-    if losses == "l2+inv":
+    if section.recipe == "paper-l2+inv":
         terms.append((_INVERSION, invertibility_of(stop, own_sum=True)))
     settled = _FALL / _STAIR * _EPOCHS_PER_STAIR / EPOCHS
     return Recipe(
-        f"paper-{losses}",
+        str(section.recipe),
         Weighted(tuple(terms)),
         AreaPenalty(_TARGET, _AREA, settled, _STAIR),
         Descent(
-            dots=dots,
-            clear_dots=clear_dots,
-            iterations=epochs * data.batches,
-            seed=seed,
+            dots=section.dots,
+            clear_dots=section.clear_dots,
+            iterations=section.epochs * data.batches,
+            seed=section.seed,
             rate=1.0,
             momentum=0.5,
-            start_logit=1.0,
-            start_noise=start_noise,
+            start_noise=0.0,
             final_gain=1.0,
             judged_every=0,
-            precision=precision,
+            precision="float64",
         ),
-        turned,
     )
