@@ -217,7 +217,9 @@ def figures(layout: db.Layout, *layers: db.LayerInfo) -> Iterator[tuple[db.Layer
 
 
 def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
-    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is scaled or slanted.
+    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells.
+
+    None if one is scaled or slanted.
 
     They are those of edges that are put into the cells for a moment, from the origin to the right by twice the cell's
     number from 1, and upwards by the number. KLayout turns the edges of mirrored cells round.
