@@ -37,7 +37,11 @@ COMPARED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, 
 REVERSED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Div}
 JOINED = {ast.And: ast.Or, ast.Or: ast.And}
 RENAMED = {"min": "max", "max": "min", "floor": "ceil", "ceil": "floor", "any": "all", "all": "any"}
-EQUIVALENT: dict[str, str] = {}
+EQUIVALENT: dict[str, str] = {
+    "maskfab/optics/phase.py defocus_error: `math.ceil(abs(edge))` -> `math.floor(abs(edge))`": (
+        "both numbers of Gauss points are ample: the Strehl ratios agree to 3e-14"
+    ),
+}
 """Faults that nobody could see, as printed without their line's number, and why."""
 
 
@@ -58,6 +62,12 @@ class Fault:
     def name(self) -> str:
         """Stays when lines above it come and go."""
         return f"{self.path.relative_to(ROOT)} {self.function}: {self.words}"
+
+
+def is_left_alone(node: ast.AST) -> bool:
+    """Texts, annotations, messages of errors, and whether a zip looks at lengths that are equal anyway."""
+    strict = isinstance(node, ast.keyword) and node.arg == "strict"
+    return strict or isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.arg)
 
 
 def changed(node: ast.AST) -> ast.AST | None:
@@ -84,12 +94,12 @@ def changed(node: ast.AST) -> ast.AST | None:
 
 
 def faults(path: Path) -> Iterator[Fault]:
-    """Every fault that a file's functions offer; texts, annotations and messages of errors are left alone."""
+    """Every fault that a file's functions offer."""
     numbers = count()
 
     def walk(node: ast.AST, function: str) -> Iterator[Fault]:
         number = next(numbers)
-        if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.arg):
+        if is_left_alone(node):
             return
         if isinstance(node, ast.FunctionDef):
             function = node.name
@@ -111,7 +121,7 @@ def planted(fault: Fault) -> str:
             new = changed(node)
             assert new is not None
             return new
-        if not isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.arg):
+        if not is_left_alone(node):
             for name, value in ast.iter_fields(node):
                 if isinstance(value, ast.AST):
                     setattr(node, name, walk(value))

@@ -140,6 +140,7 @@ def test_orders_turn_with_the_cells_and_belong_to_periodic_panels() -> None:
     turned = replace(laid_out, orientations=np.ones_like(laid_out.orientations))
     plain = order_efficiencies(laid_out, 3)
     np.testing.assert_allclose(order_efficiencies(turned, 3), np.rot90(plain, -1), atol=1e-15)
+    np.testing.assert_allclose(order_efficiencies(laid_out, 0), plain[3:4, 3:4], atol=1e-15)
     with pytest.raises(InternalError, match="MF901"):
         order_efficiencies(panel(noise(5, 0.4, 1), seed=1), 1)
     with pytest.raises(JobError, match="MF104"):
