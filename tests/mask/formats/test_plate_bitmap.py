@@ -175,7 +175,7 @@ def test_the_bound_on_a_tiff_is_close_to_a_blank_plate(small_plate):
     """128 bytes that repeat are two, and its own count of a row and its strip are a few bytes more."""
     blank = replace(small_plate, dies=(), marks=(), blank_nm=1_000_000 * 128)
     side = 128_000
-    assert 0 <= largest_tiff_bytes(blank, 25_400) / side - 2 * side / 8 / 128 < 8.9
+    assert 0 <= largest_tiff_bytes(blank, 25_400) / side - 2 * side / 8 / 128 < 11
 
 
 LITERALS = st.binary(min_size=1, max_size=128).map(lambda data: (bytes([len(data) - 1]) + data, data))
