@@ -17,7 +17,7 @@ from maskfab.base.errors import InputError
 from maskfab.base.model import Opening
 from maskfab.job.values import check_name
 from maskfab.mask.opening_file import dot_of_pitch, load_opening, opening_text, parse_opening
-from maskfab.mask.opening_masks import stripe
+from maskfab.mask.opening_masks import from_image, stripe
 
 ASYMMETRIC = np.array([[1, 1, 0], [0, 0, 0], [0, 0, 1]], dtype=bool)  # row 0 lowest
 DRAWING = "..#\n...\n##.\n"
@@ -114,6 +114,11 @@ def test_image_threshold_and_alpha(tmp_path: Path) -> None:
     colours[0, 1, :3] = 0.4
     path = image(tmp_path / "a.png", colours)
     np.testing.assert_array_equal(load_opening(path, dot_nm=8000).mask, [[False, False], [True, False]])
+
+
+def test_a_dot_of_an_image_that_is_half_bright_is_clear(tmp_path: Path) -> None:
+    path = image(tmp_path / "a.tiff", np.array([[0.5] * 2, [0.4999] * 2]), "float")
+    np.testing.assert_array_equal(from_image(path), [[False] * 2, [True] * 2])
 
 
 @pytest.mark.parametrize("dtype", [np.bool_, np.uint8, np.float64])
