@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from estimates import surrogate
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
@@ -14,7 +15,7 @@ from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.stop_cells import F1, OpenStop, PhotoCamera, laid_panel, lattice, lay, pupil_transfer
 from maskfab.designs.descent.losses import expected_error
-from maskfab.designs.model.expected_psnr import interior, surrogate
+from maskfab.designs.model.expected_psnr import interior
 from maskfab.designs.model.limits import bounds, rings
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.job.camera import Camera, Stop

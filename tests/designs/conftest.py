@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from estimates import surrogate
 from once import leaves
 
-from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_error import PupilError, pupil_error
 
 

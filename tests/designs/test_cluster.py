@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from estimates import surrogate
 from hypothesis import given
 from hypothesis import strategies as st
 from once import leaves
@@ -15,7 +16,6 @@ from maskfab.base.model import ORIENTATIONS, orient, side_by_side
 from maskfab.designs.maps import light
 from maskfab.designs.maps.light import Arrangement, clustered, most_dots, shares
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE
-from maskfab.designs.model.expected_psnr import surrogate
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.search.annealing import ExpectedPsnr

@@ -269,7 +269,7 @@ def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Pat
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     monkeypatch.setattr("maskfab.designs.search.die_look.fitting_die", lambda *_, **__: fit)
     fit = fitting_die(shown(tmp_path), unit(), 8000)
-    path = job_of(tmp_path)
+    path = job_of(tmp_path, ("fit = true", 'fit = true\nfamilies = ["bars"]'))
     found = design(read(path), "a test", where=str(path))
     told = "\n".join(designed_lines(found, ()))
     assert f"fits a die of 12 x 12 pixels, 1.056 mm, with seed {fit.seed} of its tiling" in told

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from estimates import surrogate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from once import leaves
@@ -18,7 +19,7 @@ from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.sensor import LEVELS, Exposure, record_light
 from maskfab.camera.stop_cells import F1, PhotoCamera, lattice, lay
 from maskfab.designs.design import capture_settings, check_possible, design, notes_of
-from maskfab.designs.model.expected_psnr import interior, surrogate
+from maskfab.designs.model.expected_psnr import interior
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, PixelNoise, SceneStatistics
 from maskfab.designs.search.result import camera_facts

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 from asked_displays import asked_display
+from estimates import surrogate
 from once import leaves
 
 from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
@@ -26,7 +27,7 @@ from maskfab.camera.stop_cells import MOST_DOTS, laid_panel, lattice, lay, pupil
 from maskfab.designs.descent.losses import ExpectedError, TopResidual, expected_error, top_residual
 from maskfab.designs.descent.objective import AreaPenalty, Objective, TiledStop, Weighted, invertibility_of, tiled_stop
 from maskfab.designs.descent.schedule import Descent, Outcome, descend
-from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.limits import bounds
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, bars, discs, orbits

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.camera.stop_cells import CELLS, lay
+from maskfab.camera.stop_cells import CELLS, lattice, lay
 from maskfab.designs.maps.alternation import dot_slopes, joint
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, design_map
 from maskfab.designs.model.panel_judgement import Slope
@@ -18,12 +18,14 @@ from maskfab.mask.panels import shifted
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)
 BAR[:5, :2] = True
+ROOM = lattice(DOTS, 48_000)
+"""Of the coarse panel."""
 SHIFTS = ((0, 0), (2, 1), (4, 0))
 
 
 @pytest.fixture(scope="module")
-def together(error):
-    return joint(BAR, error, Constraints(10, dots=DOTS), rounds=2)
+def together(coarse):
+    return joint(BAR, coarse, Constraints(10, dots=DOTS), rounds=2)
 
 
 def laid(unit, shifts, orientations, error):
@@ -42,11 +44,14 @@ def test_the_slope_by_a_dot_is_the_sum_of_its_images(error):
         assert slopes[row, column] == pytest.approx((laid(dot, SHIFTS, orientations, error) * field).sum(), abs=1e-3)
 
 
-def test_rounds_never_lose(error, together):
+def test_rounds_never_lose(coarse, together):
     assert list(together.losses) == sorted(together.losses, reverse=True)
     assert together.losses[0] == pytest.approx(-np.mean(together.alone.psnr))
     assert together.losses[-1] == pytest.approx(-np.mean(together.designed.psnr))
-    assert error.psnr(lay("panel", together.unit, together.designed.orientations).pupil) == together.designed.psnr
+    assert (
+        coarse.psnr(lay("panel", together.unit, together.designed.orientations, room=ROOM).pupil)
+        == together.designed.psnr
+    )
 
 
 def test_a_unit_fitted_to_its_map_restores_better(together):
@@ -58,8 +63,8 @@ def test_a_unit_fitted_to_its_map_restores_better(together):
 def test_the_light_is_that_of_the_first_random_map(together):
     designed = together.designed
     assert together.unit.sum() == BAR.sum()
-    assert designed.start_clear_dots == lay("random", BAR).pupil.sum()
-    assert designed.clear_dots == lay("panel", together.unit, designed.orientations).pupil.sum()
+    assert designed.start_clear_dots == lay("random", BAR, room=ROOM).pupil.sum()
+    assert designed.clear_dots == lay("panel", together.unit, designed.orientations, room=ROOM).pupil.sum()
     assert abs(designed.clear_dots / designed.start_clear_dots - 1) <= LIGHT_TOLERANCE
 
 

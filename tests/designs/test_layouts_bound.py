@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimates import surrogate
 from hypothesis import given
 from hypothesis import strategies as st
 from once import leaves
@@ -14,7 +15,7 @@ from sweeps import examples
 from maskfab.base.errors import JobError
 from maskfab.camera.stop_cells import lay, pupil_autocorrelation
 from maskfab.designs.model import layouts_bound
-from maskfab.designs.model.expected_psnr import Interior, interior, surrogate
+from maskfab.designs.model.expected_psnr import Interior, interior
 from maskfab.designs.model.layouts_bound import CellLight, LayoutGap, layout_gap, layout_limit
 
 DOTS, CLEAR = 6, 9

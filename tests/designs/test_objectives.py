@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from estimates import surrogate
 from once import leaves
 from sweeps import in_turns, sweep
 
@@ -30,7 +31,7 @@ from maskfab.designs.descent.objective import (
     invertibility_of,
     tiled_stop,
 )
-from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.job.camera import Camera, Stop
 
 DOTS = 7

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from estimates import surrogate
 from once import leaves
 
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.stop_cells import CELLS, lattice, lay, pupil_autocorrelation
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
-from maskfab.designs.model.expected_psnr import surrogate
 from maskfab.designs.model.panel_error import pupil_error
 
 DOTS = 7

@@ -9,6 +9,7 @@ import pytest
 from once import leaves, small_scenes
 from scipy.integrate import quad
 from scipy.stats import spearmanr
+from sweeps import sweep
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Tiling
@@ -103,7 +104,7 @@ def test_odd_aberrations_give_the_open_stop_a_complex_transfer():
     np.testing.assert_allclose(table, table[::-1, ::-1].conj(), atol=1e-12)
 
 
-@pytest.mark.parametrize("scene", [Scene(nearest_um=NEAR_UM), Scene(aberrations=((8, 0.15), (5, 0.1)))])
+@pytest.mark.parametrize("scene", sweep([Scene(aberrations=((8, 0.15), (5, 0.1))), Scene(nearest_um=NEAR_UM)], 1))
 def test_a_panels_error_is_that_by_the_transfer_of_its_die(known, scene):
     """Whole dots and their transforms against the dots cut by the stop, and their lags, of simulated photographs."""
     seen = planned(scene)
@@ -115,7 +116,9 @@ def test_a_panels_error_is_that_by_the_transfer_of_its_die(known, scene):
     assert found.mean == pytest.approx(np.mean(found.psnr, axis=0))
 
 
-@pytest.mark.parametrize("scene", [Scene(nearest_um=NEAR_UM, farthest_um=2e7), Scene(aberrations=((8, 0.15),))])
+@pytest.mark.parametrize(
+    "scene", sweep([Scene(nearest_um=NEAR_UM, farthest_um=2e7), Scene(aberrations=((8, 0.15),))], 1)
+)
 def test_the_slope_over_distances_is_that_of_differences(known, scene):
     seen = planned(scene)
     error = MeanPanelError(tuple(error_at(known, seen, each) for each in seen.distances_um))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from estimates import surrogate
 from once import leaves
 from sweeps import sweep
 
@@ -14,7 +15,7 @@ from maskfab.base.errors import MaskfabError
 from maskfab.base.work import Clock
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.descent.relax import relax, schedule
-from maskfab.designs.model.expected_psnr import Surrogate, surrogate
+from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.rules.families import FAMILIES
 from maskfab.designs.search.annealing import nearest
 from maskfab.designs.search.result import NO_BOUNDS, Designed, constraints_of

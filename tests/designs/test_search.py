@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from asked_displays import asked_display
+from estimates import surrogate
 from once import leaves
 from sweeps import sweep
 
@@ -16,7 +17,6 @@ from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.work import Clock, silent
 from maskfab.camera.scenes import Photograph
 from maskfab.designs.maps.orientation_map import MapMode, design_map
-from maskfab.designs.model.expected_psnr import surrogate
 from maskfab.designs.model.panel_error import pupil_error
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.families import FAMILIES, Candidate, kind

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from estimates import surrogate
 from once import leaves
 
 from maskfab.base.errors import JobError
-from maskfab.designs.model.expected_psnr import surrogate
 
 
 @pytest.fixture(scope="module")

@@ -80,10 +80,10 @@ class Tables:
         return _lowered(value, variance * self.noise_dip + self.bias_dip)
 
 
-def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0) -> Tables:
-    """Prepare the dual's minima for lags' A from 0 to ``most`` times the open stop's."""
+def dual_tables(inner: Interior, epsilon: float, grey: float) -> Tables:
+    """Prepare the dual's minima for lags' A from 0 to the open stop's."""
     # Closer where modulations of displays lie: the chord's error goes with the square of the step.
-    nodes = _nodes(grey, most, _NODES)
+    nodes = _nodes(grey, 1.0)
     slope = inner.stop * inner.pixel
     regular = epsilon * inner.inverse_prior
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
@@ -113,15 +113,13 @@ def best_regular(inner: Interior, variance: float) -> Floats:
     return np.asarray(np.clip(wanted, low, high))
 
 
-def wiener_cost(
-    inner: Interior, variance: float, grey: float, most: float = 1.0, count: int = _NODES
-) -> tuple[Floats, Floats]:
+def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
     """As :class:`Tables`, of the best filter at each frequency, below that of any ε of the protocol.
 
     Returns:
         Nodes [k] and cost [m, k].
     """
-    nodes = _nodes(grey, most, count)
+    nodes = _nodes(grey, most)
     slope = inner.stop * inner.pixel
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
     regular = best_regular(inner, variance)
@@ -142,9 +140,9 @@ def wiener_cost(
     return nodes, _lowered((inverse - squared) * by_noise + squared * by_bias, steep * curve)
 
 
-def _nodes(grey: float, most: float, count: int) -> Floats:
+def _nodes(grey: float, most: float) -> Floats:
     # A grey panel's modulation is where the best design's lie; the chord's error goes with the square of the step.
-    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, count - 1)])
+    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, _NODES - 1)])
 
 
 def _lowered(value: Floats, dip: Floats) -> Floats:

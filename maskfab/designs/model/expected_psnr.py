@@ -58,7 +58,7 @@ from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.imaging import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.scenes import Photograph
-from maskfab.camera.stop_cells import F1, CellGrid, Lagged, OpenStop, PhotoCamera, lattice
+from maskfab.camera.stop_cells import CellGrid, Lagged, OpenStop
 from maskfab.designs.model.statistics import (
     COLUMNS,
     F1_SETTINGS,
@@ -257,37 +257,21 @@ def _mirrored(record: Singles) -> NDArray[np.complex64]:
     return np.asarray(scipy.fft.fft(tall, axis=1, workers=1))
 
 
-def surrogate(
-    scenes: Sequence[Photograph],
-    dots: int = 21,
-    *,
-    dot_nm: int | None = None,
-    camera: PhotoCamera = F1,
-    settings: CaptureSettings = F1_SETTINGS,
-    leak_scenes: int = 2,
+def surrogate_behind(
+    scenes: Sequence[Photograph], room: CellGrid, *, settings: CaptureSettings = F1_SETTINGS, leak_scenes: int = 2
 ) -> Surrogate:
-    """Prepare the surrogate for units of ``dots`` x ``dots``, from scenes of 1024 x 1536 pixels (others are left out).
+    """Prepare the surrogate for units of given cells, from scenes of 1024 x 1536 pixels (others are left out).
 
     The spectrum P is c f^-p, fitted to the scenes' rings from 0.02 to 0.4 cycles per pixel; the scenes' own low
     frequencies are used as they are.
 
     Args:
-        dots: along the unit's side.
-        dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
         settings: of the photographs.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
     Raises:
-        JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115, MF135 for dots as
-            :func:`maskfab.camera.stop_cells.lattice`.
+        JobError: MF121 if no scene has that size, or one is the same grey everywhere.
     """
-    return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), settings=settings, leak_scenes=leak_scenes)
-
-
-def surrogate_behind(
-    scenes: Sequence[Photograph], room: CellGrid, *, settings: CaptureSettings = F1_SETTINGS, leak_scenes: int = 2
-) -> Surrogate:
-    """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
     return surrogate_of(scene_statistics(scenes, leak_scenes=leak_scenes, settings=settings), room)
 
 

@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from maskfab.base.arrays import Floats
-from maskfab.base.errors import OpeningError
 from maskfab.camera.stop_cells import CellGrid, OpenStop, at_lags, lattice, pupil_autocorrelation
 from maskfab.designs.model.duals import residue_classes, residue_errors, residues
 from maskfab.designs.model.expected_psnr import Interior, Surrogate, interior, unit_modulation
@@ -81,15 +80,14 @@ class Rings:
         return self.area(np.stack(moduli))
 
 
-def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid | None = None) -> Rings:
-    """The rings of a camera.
+def rings(dots: int = 21, *, room: CellGrid | None = None) -> Rings:
+    """The rings of a camera at its shortest wavelength.
 
     Args:
-        wavelength_nm: of the light; None for the camera's shortest.
         room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
     """
     room = room or lattice(dots)
-    nm = wavelength_nm or room.camera.shortest_nm
+    nm = room.camera.shortest_nm
     per_cycle = room.per_cycle(nm)
     longest = round(per_cycle / 2)
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])
@@ -239,7 +237,7 @@ def bounds(
     """Bounds for units of the surrogate's size, its scenes and its camera.
 
     Args:
-        estimate: of the scenes, by :func:`maskfab.designs.model.expected_psnr.surrogate`.
+        estimate: of the scenes.
         levels: of light; None for the surrogate's own.
 
     Raises:
@@ -267,34 +265,10 @@ def bounds(
     return Bounds(tuple(levels), clear_dots, periodic, interior_psnr, grey, small, area, tuple(method))
 
 
-def optimality_gap(
-    estimate: Surrogate,
-    unit: NDArray[np.bool_],
-    *,
-    periodic: bool = False,
-    levels: Sequence[float] | None = None,
-    known: Bounds | None = None,
-) -> Gap:
-    """A unit beside the bounds of its clear count.
-
-    Args:
-        unit: bool [dots, dots].
-        periodic: it is repeated; otherwise turned at random.
-        levels: of light; None for the surrogate's own.
-        known: bounds found before for this estimate; used if clear count, tiling and levels are the same.
-
-    Raises:
-        OpeningError: MF201 if it is not of the surrogate's size, and as :func:`bounds`.
-    """
-    n = estimate.dots
-    if unit.shape != (n, n):
-        raise OpeningError("MF201", f"the unit has the shape {unit.shape}", where="unit", cure=f"Give {n} x {n} dots")
-    levels = estimate.levels if levels is None else levels
-    clear = int(unit.sum())
-    fits = known is not None and (known.clear_dots, known.periodic, known.level_db) == (clear, periodic, tuple(levels))
-    limit = known if fits and known is not None else bounds(estimate, clear, periodic=periodic, levels=levels)
-    reached = interior(estimate).of_unit(unit, periodic=periodic, levels=levels)
-    area = rings(n, room=estimate.lattice).of_unit(unit, periodic=periodic)
+def optimality_gap(estimate: Surrogate, unit: NDArray[np.bool_], limit: Bounds) -> Gap:
+    """A unit, bool [dots, dots], beside the bounds of its clear count."""
+    reached = interior(estimate).of_unit(unit, periodic=limit.periodic, levels=limit.level_db)
+    area = rings(estimate.dots, room=estimate.lattice).of_unit(unit, periodic=limit.periodic)
     return Gap(limit, reached, _room(limit.psnr, reached), area)
 
 

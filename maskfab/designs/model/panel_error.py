@@ -319,7 +319,7 @@ def pupil_error(
     """The error of realised panels, with the scenes of a surrogate.
 
     Args:
-        estimate: of :func:`maskfab.designs.model.expected_psnr.surrogate`; its dots are those of the units.
+        estimate: its dots are those of the units.
         levels: whose decibels are averaged; None for the surrogate's own.
         weights: of the levels, positive in sum; None for equal ones.
 

@@ -379,9 +379,7 @@ _WALKED = 400
 """Judged openings whose rules are asked at most."""
 
 
-def best_held(
-    ranked: Sequence[Ranked], start: Start, value: float, most: int, clock: Clock, *, tried: int = _WALKED
-) -> list[Ranked]:
+def best_held(ranked: Sequence[Ranked], start: Start, value: float, most: int, clock: Clock) -> list[Ranked]:
     """The best judged openings that a display fits, one of every kind, PSNR falling.
 
     Those are asked first beside which straight lines pass, then any that are better than all that were found.
@@ -390,7 +388,6 @@ def best_held(
         ranked: judged openings, the best first.
         start: of the search; its first opening is one of them.
         clock: ends the walk.
-        tried: openings whose rules are asked at most.
     """
     first = Ranked(start.first.name, start.first.unit, value)
     found = {kind(first.name, first.unit): first}
@@ -404,10 +401,10 @@ def best_held(
         units = np.stack([one.unit for one in able])
         passing = straight_lines(units, start.rules.dot_nm, wires.rules, turned=start.any_map)
         likely = (passing >= display.opaque_lines).tolist()
-    asked, least = 0, tried // 16
+    asked, least = 0, _WALKED // 16
     for wanted in (True, False):
         for one, is_likely in zip(able, likely, strict=True):
-            if asked >= tried or (asked >= least and clock.over):
+            if asked >= _WALKED or (asked >= least and clock.over):
                 break
             size = kind(one.name, one.unit)
             better = sum(other.value >= one.value for other in found.values()) < most

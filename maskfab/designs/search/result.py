@@ -380,7 +380,7 @@ def appraised(
         facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", none, estimate.levels)
         return psnr, facts, none, None
     limit = bounds(estimate, int(mask.sum()), periodic=periodic)
-    gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
+    gap = optimality_gap(estimate, mask, limit)
     psnr = estimate(mask, periodic=periodic)
     facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", gap.head_room, estimate.levels)
     return psnr, facts, gap.head_room, gap
