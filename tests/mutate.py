@@ -32,7 +32,8 @@ from queue import SimpleQueue
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("optics", "mask", "display", "camera")
 LONGEST_S = 240
-"""Seconds after which the tests of a fault are ended; a fault that hangs them was seen."""
+"""Seconds after which the tests of a fault are ended; whether they see it is then not known, and it does not count."""
+LATE = f"ended after {LONGEST_S} s"
 COMPARED = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 REVERSED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Div}
 JOINED = {ast.And: ast.Or, ast.Or: ast.And}
@@ -171,9 +172,10 @@ def nearest(fault: Fault, most: int) -> list[Path]:
     def closeness(path: Path) -> tuple[int, bool, int, int]:
         text = texts("tests")[path]
         same = path.stem.removeprefix("test_") == fault.path.stem
-        spoken = len(callers(fault.path, fault.function).findall(text)) + 3 * text.count(fault.function)
+        spoken = len(callers(fault.path, fault.function).findall(text)) + 3 * len(word.findall(text))
         return 9 * same + spoken, room in path.parts, text.count(fault.path.stem), -len(text)
 
+    word = re.compile(rf"\b{re.escape(fault.function)}\b")
     direct = importers(named(fault.path), "tests")
     helpers = "|".join(path.stem for path in direct if not path.name.startswith("test_"))
     if helpers:
@@ -216,7 +218,7 @@ def seen_by(fault: Fault, copied: Path, most: int) -> str:
     try:
         run = subprocess.run(command, check=False, cwd=ROOT, env=surroundings, capture_output=True, timeout=LONGEST_S)
     except subprocess.TimeoutExpired:
-        return f"longer than {LONGEST_S} s"
+        return LATE
     finally:
         shutil.copyfile(fault.path, file)
     if run.returncode not in (0, 1, 2):
@@ -262,9 +264,9 @@ def main() -> int:
 
         seen = 0
         for fault, by in zip(drawn, pool.map(try_out, drawn), strict=True):
-            seen += bool(by)
-            if by and asked.verbose:
-                print(f"seen: {fault}\n       {by}", flush=True)
+            seen += by not in ("", LATE)
+            if by == LATE or (by and asked.verbose):
+                print(f"{'late' if by == LATE else 'seen'}: {fault}\n       {by}", flush=True)
             elif not by:
                 near = ", ".join(str(path.relative_to(ROOT)) for path in nearest(fault, asked.files)) or "no test"
                 print(f"lived: {fault}\n       {near}", flush=True)
