@@ -79,9 +79,12 @@ def explain(
         source: tell of a quantity or a code which functions make it, by which formula, and which tests guard them.
 
     Raises:
-        JobError: MF105 for what is neither, or both, and for the source of a key.
+        JobError: MF105 for what is neither, or both, and for the source of a key or of nothing.
     """
 
+    if source and (code is None or schema is not None):
+        what, cure = "no number and no code is named", "Name one alone, such as mtf50 or MF106"
+        raise JobError("MF105", what, where="source", cure=cure)
     if schema is not None:
         if code is not None:
             raise JobError("MF105", f"{code} is not of a schema", where="code", cure="Ask for one after the other")

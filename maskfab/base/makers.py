@@ -17,8 +17,8 @@ from maskfab.base.quantities import FAMILIES
 
 PACKAGE = Path(__file__).resolve().parents[1]
 _TESTS = PACKAGE.parent / "tests"
-_WORDED = ("report/pages", "cli", "base")
-"""Rooms that word what others find, and are no makers of it."""
+_WORDED = ("report/pages", "cli", "base", "_bundled")
+"""Rooms that word what others find, and are no makers of it; and what a wheel brings beside the package."""
 _MOST_TESTS = 5
 
 
@@ -100,7 +100,8 @@ def guards(name: str, maker: Maker) -> tuple[str, ...]:
     module, _, function = maker.function.rpartition(".")
     named, called = re.compile(rf"[\"']{re.escape(name)}[\"']"), re.compile(rf"\b{re.escape(function)}\b")
     counted = []
-    for path, text in _sources(_TESTS):
+    # Beside an installed package others may have left theirs.
+    for path, text in _sources(_TESTS) if (PACKAGE.parent / "pyproject.toml").exists() else ():
         imports = f"maskfab.{module} " in text
         if named.search(text) or (imports and called.search(text)):
             functions = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))

@@ -41,3 +41,13 @@ def test_explain_tells_sources_of_numbers_and_codes_and_refuses_others() -> None
     assert answer.to_dict()["makers"]
     with pytest.raises(JobError, match=r"MF105.*no quantity and no code"):
         mf.explain("camera.stop", source=True)
+    for asked in ({}, {"schema": "job"}):
+        with pytest.raises(JobError, match=r"MF105.*is named"):
+            mf.explain(source=True, **asked)
+
+
+def test_tests_that_lie_beside_an_installed_package_are_not_taken_for_its_own(monkeypatch, tmp_path) -> None:
+    (maker,) = (each for each in makers("peak_strehl", "peak_strehl") if each.function.endswith("strehl_quantities"))
+    assert guards("peak_strehl", maker)
+    monkeypatch.setattr("maskfab.base.makers.PACKAGE", tmp_path / "maskfab")
+    assert guards("peak_strehl", maker) == ()
