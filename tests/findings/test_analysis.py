@@ -276,9 +276,7 @@ def test_what_lies_beyond_the_stop_changes_nothing(tmp_path):
         for name, shapes in (("bare.gds", dots + frame), ("more.gds", dots + frame + moved))
     )
     for name, value in bare.items():
-        # A lobe's place is known to the root of its height.
-        rel = 1e-7 if name == "first_side_lobe" else 1e-9
-        assert more[name] == pytest.approx(value, rel=rel, abs=1e-12), name
+        assert more[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
 
 
 def test_the_energy_of_an_ellipse_in_a_square_is_that_of_its_field_in_closed_form(tmp_path, monkeypatch):
