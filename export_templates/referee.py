@@ -941,8 +941,22 @@ SYMBOLS = (  # modules of a side, regions along it, data codewords, error codewo
 )  # fmt: skip
 
 
+def edifact(words, at):
+    """The text of codewords from ``at``, four letters in three, and where ASCII encodation goes on."""
+    text = ""
+    while len(words) - at > 2:
+        four = int.from_bytes(bytes(words[at : at + 3]), "big")
+        for k, shift in enumerate((18, 12, 6, 0), 1):
+            value = four >> shift & 63
+            if value == 31:
+                return text, at + min(k, 3)
+            text += chr(value if value & 32 else value | 64)
+        at += 3
+    return text, at
+
+
 def decoded(words):
-    """The text of data codewords in ASCII, C40 or Text encodation; None for any other, or for wrong pads."""
+    """The text of data codewords in ASCII, C40, Text or EDIFACT encodation; None for any other, or for wrong pads."""
     shift2 = "!\"#$%&'()*+,-./:;<=>?@[\\]^_"
     text, at, mode, shift = "", 0, 0, 0
     while at < len(words):
@@ -958,6 +972,9 @@ def decoded(words):
                 text += f"{word - 130:02}"
             elif word in (230, 239):
                 mode, shift = word, 0
+            elif word == 240:
+                more, at = edifact(words, at)
+                text += more
             else:
                 return None
             continue

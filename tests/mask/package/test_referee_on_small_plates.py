@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import json
 import re
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
+import zxingcpp
 from klayout import db
 
 from maskfab.base import __version__, resources
@@ -115,6 +118,15 @@ def wrong(job, data, house="generic-chrome"):
 )
 def test_plates_that_are_right_are_taken(tmp_path, dies, order):
     assert wrong(*made(written(tmp_path, dies, order))) == []
+
+
+def test_job_codes_are_read_in_every_encodation_that_their_writer_chooses():
+    """An order of digits and dots, as in a version and a hash that begins with digits, is written in EDIFACT."""
+    for k in range(200):
+        text = f"maskfab:1.0.0:{hashlib.sha256(str(k).encode()).hexdigest()}"
+        symbol = zxingcpp.create_barcode(text, zxingcpp.BarcodeFormat.DataMatrix, force_square=True)
+        dark = (np.array(symbol.to_image(scale=1, add_quiet_zones=False)) == 0).tolist()
+        assert referee().matrix(text, dark) == dark, text
 
 
 @pytest.mark.parametrize(("order", "merged"), [("", False), ("", True), ('tone = "dark"', False)])
