@@ -37,6 +37,8 @@ _MOST_COPIES = 10_000_000
 _MANY_COPIES = 64
 _AT_ONCE = 10_000
 _ON_GRID_NM = 1e-6
+_STEP_NM = 1e-3
+"""Distance of the last copy of an array from the grid that comes from a division, not from its steps."""
 
 UNIT_KEY = "maskfab_unit_um"
 """Entry of a layout that holds the unit its drawing was read in, in micrometres."""
@@ -172,6 +174,8 @@ class Conversion:
         }
         self._layers |= {(place, 0): self._layout.layer(info) for place, info in enumerate(named)}
         self._cells: dict[str, db.Cell] = {}
+        self.repeated: set[int] = set()
+        """Cells that hold one shape of the cell which places them."""
 
     def layout(self, content: list[dict[str, Any]]) -> db.Layout:
         for cell in content:
@@ -240,8 +244,10 @@ class Conversion:
         elif isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
             # One placement of a cell of its own instead of as many polygons.
             repeated = self._layout.create_cell(f"{name}_REPEATED")
+            self.repeated.add(repeated.cell_index())
             repeated.shapes(layer).insert(shape)
-            target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
+            for placed in self._array(repeated.cell_index(), db.Trans(), repetition):
+                target.insert(placed)
         else:
             for dx, dy in self._offsets(repetition):
                 target.shapes(layer).insert(shape.moved(dx, dy) if dx or dy else shape)
@@ -264,33 +270,36 @@ class Conversion:
         if repetition is None:
             yield db.CellInstArray(index, turn)
         elif isinstance(repetition, tuple):
-            yield self._array(index, turn, repetition)
+            yield from self._array(index, turn, repetition, reference[1])
         else:
             for dx, dy in self._offsets(repetition):
                 yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
 
-    def _array(self, index: int, turn: Any, repetition: tuple[Any, ...]) -> db.CellInstArray:
-        self._refuse_standing(repetition)
-        columns, rows, vectors = repetition
-        a, b = self._integers(vectors)
-        return db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+    def _array(
+        self, index: int, turn: Any, repetition: tuple[Any, ...], origin: Sequence[float] = (0.0, 0.0)
+    ) -> Iterator[db.CellInstArray]:
+        """Copies of a cell; one by one, each on its own place, along steps off the grid, whose rounding would add up.
 
-    def _refuse_standing(self, repetition: tuple[Any, ...]) -> None:
-        """klayout takes copies that lie on each other for one, where there is no step between them."""
-        columns, rows, vectors = repetition
-        moves = np.rint(vectors).any(axis=1)
-        if (columns > 1 and not moves[0]) or (rows > 1 and not moves[1]):
-            what = (
-                f"{self._path.name} has an array of {columns} x {rows} with steps of 0 nm: some readers take its "
-                "copies for one"
-            )
-            raise SourceError("MF316", what, where=str(self._path), cure="Place each copy once, at its own position")
+        So too where there is no step: klayout would take the copies that lie on each other for one.
+        """
+        places, steps = np.array([origin], dtype=np.float64), [(db.Vector(), 1)]
+        for times, step in zip(repetition[:2], repetition[2], strict=True):
+            nearest = np.rint(step)
+            if times > 1 and (not nearest.any() or (times - 1) * np.abs(step - nearest).max() > _STEP_NM):
+                self._count_copies(times * len(places))
+                places = (places[:, None] + np.arange(times)[:, None] * step).reshape(-1, 2)
+            elif times > 1:
+                steps.append((db.Vector(*self._integers(step)), times))
+        at = turn.disp
+        for x, y in self._integers(places) if len(places) > 1 else [[at.x, at.y]]:
+            placed = type(turn)(x - at.x, y - at.y) * turn
+            (a, columns), (b, rows) = steps[-2:] if len(steps) > 1 else (steps[0], steps[0])
+            yield db.CellInstArray(index, placed, a, b, columns, rows)
 
     def _offsets(self, repetition: Any) -> list[list[int]]:
         if repetition is None:
             return [[0, 0]]
         if isinstance(repetition, tuple):
-            self._refuse_standing(repetition)
             columns, rows, vectors = repetition
             self._count_copies(columns * rows)
             repetition = np.mgrid[0:columns, 0:rows].reshape(2, -1).T @ vectors
@@ -304,8 +313,8 @@ class Conversion:
             what = f"{self._path.name} repeats single shapes over {_MOST_COPIES} times"
             raise SourceError("MF313", what, where=str(self._path), cure="Repeat cells instead of shapes")
 
-    def _integers(self, values: Floats) -> list[list[int]]:
-        integers: list[list[int]] = self._on_grid(values).tolist()
+    def _integers(self, values: Floats) -> list[Any]:
+        integers: list[Any] = self._on_grid(values).tolist()
         return integers
 
     def _on_grid(self, values: Floats) -> Ints:

@@ -609,6 +609,7 @@ def _format(name: FileFormat, version: Version) -> Format:
         f"_{version}.dxf",
         write_plate=write,
         read=read_dxf,
+        readers=(("klayout", read_dxf),),
         suffixes=(".dxf",),
         layers="named",
         notes=True,

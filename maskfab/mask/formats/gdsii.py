@@ -9,7 +9,8 @@ in 40 s. What draws its records in another order is not counted, and is read wit
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from maskfab.base.errors import OutputError, SourceError
 from maskfab.base.files import partial
 from maskfab.mask.figures import MAX_VERTICES
+from maskfab.mask.formats.agreement import count_curves, refuse_unlike
 from maskfab.mask.formats.content import Conversion, read_with_klayout
 from maskfab.mask.formats.format import Format, Source
 from maskfab.mask.formats.gdstk_process import CellArrays, cell_content
@@ -28,9 +30,8 @@ from maskfab.mask.layout import (
     MOST_LAYERS,
     check_limits,
     check_size,
-    count_shapes,
     left_out,
-    placed_cells,
+    note_left_out,
     too_many_cells,
     too_many_layers,
 )
@@ -113,46 +114,69 @@ def write_pieces(content: Sequence[bytes | memoryview], path: Path) -> None:
 
 def read_gdsii(path: Path) -> db.Layout:
     """A GDSII file as a layout; raises as :func:`maskfab.mask.formats.table.read_layout`."""
-    if not _begins(path, _GDSII_MAGIC):
-        raise wrong_kind(path, "GDSII")
-    refuse_many_in_gdsii(path)
-    return _through_gdstk(path, "read_gds")
+    _look_at_gdsii(path)
+    klayout = None
+    try:
+        klayout = by_klayout(path)
+    except SourceError as error:
+        if _CYCLE not in error.what:
+            raise
+    return _agreed(path, *_by_gdstk(path, "read_gds"), klayout)
 
 
 def read_oasis(path: Path) -> db.Layout:
     """An OASIS file as a layout; raises as :func:`maskfab.mask.formats.table.read_layout`."""
+    return _agreed(path, *_oasis_by_gdstk(path))
+
+
+def _look_at_gdsii(path: Path) -> None:
+    if not _begins(path, _GDSII_MAGIC):
+        raise wrong_kind(path, "GDSII")
+    refuse_many_in_gdsii(path)
+
+
+def by_klayout(path: Path) -> db.Layout:
+    """A GDSII or OASIS file by klayout alone, in the file's own unit. Raises SourceError MF303, MF313."""
+    options = db.LoadLayoutOptions()
+    options.properties_enabled = False
+    layout = read_with_klayout(path, options)
+    check_size(layout, path)
+    return layout
+
+
+def _gdsii_by_gdstk(path: Path) -> db.Layout:
+    _look_at_gdsii(path)
+    by_klayout(path)
+    return _by_gdstk(path, "read_gds")[0]
+
+
+def _oasis_by_gdstk(path: Path) -> tuple[db.Layout, Collection[int]]:
     if not _begins(path, _OASIS_MAGIC):
         raise wrong_kind(path, "OASIS")
-    return _through_gdstk(path, "read_oas")
+    return _by_gdstk(path, "read_oas")
 
 
-def _through_gdstk(path: Path, function: str) -> db.Layout:
+def _by_gdstk(path: Path, function: str) -> tuple[db.Layout, Collection[int]]:
     # gdstk takes truncated files for whole ones and dies of some damaged ones. So klayout, which raises, looks first,
     # and gdstk reads in a process of its own, where a warning is a failure too: it means that something is left out.
     # A few bytes of OASIS can make klayout fill all memory with copies of one shape: there the process looks first.
     # Which cells contain themselves klayout does not say: there gdstk goes on, and they are found in its answer.
-    first = None
-    if function != "read_oas":
-        try:
-            first = _counted_by_klayout(path)
-        except SourceError as error:
-            if _CYCLE not in error.what:
-                raise
-    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
-    content = _read_cells(path, function, seconds)
+    conversion = Conversion(path)
     try:
-        second = Conversion(path).layout(content)
+        layout = conversion.layout(_read_cells(path, function, PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND))
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         # Text that is none and numbers that fit no integer pass gdstk.
         raise damaged(path, f"it holds values that cannot be used ({error})") from error
-    placed = placed_cells(second)
-    shapes = _counted_by_klayout(path) if first is None else first, count_shapes(second, placed=placed)
-    # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
-    if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
-        what = f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk"
-        raise SourceError("MF316", what, where=str(path), cure="Write it with boundaries and paths only")
-    check_limits(second, path, placed)
-    return second
+    check_limits(layout, path)
+    return layout, conversion.repeated
+
+
+def _agreed(path: Path, gdstk: db.Layout, repeated: Collection[int], klayout: db.Layout | None = None) -> db.Layout:
+    """What gdstk has read, if klayout reads the same."""
+    klayout = klayout or by_klayout(path)
+    refuse_unlike(path, klayout, gdstk, repeated)
+    note_left_out(gdstk, replace(left_out(gdstk), curves=count_curves(klayout)))
+    return gdstk
 
 
 def _begins(path: Path, magic: bytes) -> bool:
@@ -167,10 +191,6 @@ def _read_cells(path: Path, function: str, seconds: float) -> list[dict[str, Any
         return [cell_content(cell) for cell in cells]
     except ValueError as error:
         raise unusable(path, error) from error
-
-
-def _counted_by_klayout(path: Path) -> int:
-    return check_size(read_with_klayout(path, db.LoadLayoutOptions()), path)
 
 
 def refuse_many_in_gdsii(path: Path) -> None:
@@ -209,7 +229,23 @@ def _oasis(of: Source, to: Path) -> None:
 
 FORMATS = (
     Format(
-        "gdsii", "GDSII", ".gds", write_plate=_gdsii, read=read_gdsii, suffixes=(".gds", ".gdsii", ".gds2"), notes=True
+        "gdsii",
+        "GDSII",
+        ".gds",
+        write_plate=_gdsii,
+        read=read_gdsii,
+        readers=(("klayout", by_klayout), ("gdstk", _gdsii_by_gdstk)),
+        suffixes=(".gds", ".gdsii", ".gds2"),
+        notes=True,
     ),
-    Format("oasis", "OASIS", ".oas", write_plate=_oasis, read=read_oasis, suffixes=(".oas", ".oasis"), notes=True),
+    Format(
+        "oasis",
+        "OASIS",
+        ".oas",
+        write_plate=_oasis,
+        read=read_oasis,
+        readers=(("gdstk", lambda path: _oasis_by_gdstk(path)[0]), ("klayout", by_klayout)),
+        suffixes=(".oas", ".oasis"),
+        notes=True,
+    ),
 )

@@ -218,6 +218,7 @@ FORMATS = (
         ".gbr",
         write_plate=lambda of, to: write_gerber(of.figures, to, of.comments),
         read=read_gerber,
+        readers=(("gerbonara", read_gerber),),
         suffixes=(".gbr", ".ger"),
         layers="one",
         extra="gerber",

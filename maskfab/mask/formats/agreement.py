@@ -1,0 +1,165 @@
+"""Two readings of one layout held against each other: what two libraries draw otherwise is refused, with the place.
+
+Nothing is merged where both have the same shapes in the same cells, which is soon told. Otherwise the shapes of each
+cell and layer are laid over each other, and whole top cells only where something is placed otherwise.
+
+Readers may rightly differ by what they round. Corners of polygons are whole numbers in a file, and must agree to the
+last of them. The sides of a path are half a width away from its points: each reader puts their corners on its grid, no
+farther than 0.71 nm, so that slivers of up to two units are left out. Round ends are polygons of 32 corners for
+klayout, which lie within r (1 - cos (pi / 32)) of the circle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from klayout import db
+
+from maskfab.base.errors import SourceError
+from maskfab.base.units import NM_PER_UM
+from maskfab.mask.layout import DBU_UM
+
+_FROM_CIRCLE = 1 - math.cos(math.pi / 32)
+_ROUNDED_NM = 1
+_MOST_COPIES = 1_000_000
+_SAME = db.LayoutDiff.Silent | db.LayoutDiff.NoProperties | db.LayoutDiff.NoLayerNames
+_SAME |= db.LayoutDiff.NoTextDetails | db.LayoutDiff.NoTextOrientation
+
+_Pair: TypeAlias = tuple[str, db.LayerInfo, db.Region, db.Region, int]
+"""Name of a cell, layer, what each of two readers draws there, and half the width of slivers that mean nothing."""
+
+
+def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Collection[int] = ()) -> None:
+    """Refuse a file of which klayout and gdstk draw different shapes.
+
+    Args:
+        klayout: in the unit of the file; its layers and unit become those of the other.
+        gdstk: in nanometres.
+        repeated: cells of that by their indices that hold one repeated shape of the cell which places them.
+
+    Raises:
+        SourceError: MF316 with layer, cell, box and both areas.
+    """
+    scale = _in_terms_of(klayout, gdstk)
+    if scale == 1 and db.LayoutDiff().compare(klayout, gdstk, _SAME, 0):
+        return
+    for cell, layer, one, other, slack in _pairs(klayout, gdstk, repeated, scale):
+        unlike = (one ^ other).sized(-slack) if slack else one ^ other
+        if not unlike.is_empty():
+            areas = [region.merged().area() / NM_PER_UM**2 for region in (one, other)]
+            box = unlike.bbox()
+            left, bottom, right, top = (side / NM_PER_UM for side in (box.left, box.bottom, box.right, box.top))
+            what = (
+                f"{path.name}: two readers disagree: layer {layer} of cell {cell} covers {areas[0]:.10g} um^2 for "
+                f"klayout and {areas[1]:.10g} um^2 for gdstk; they differ in the box ({left:g}, {bottom:g}) to "
+                f"({right:g}, {top:g}) um"
+            )
+            cure = "Open it where it was drawn, compare that place, and write it as GDSII of boundaries"
+            raise SourceError("MF316", what, where=str(path), cure=cure)
+
+
+def _in_terms_of(one: db.Layout, other: db.Layout) -> float:
+    """Give a layout the layers and, where its grid has no finer steps, the unit of another; what it is still off by."""
+    for info in other.layer_infos():
+        index = next((at for at, own in _layers(one).items() if own.is_equivalent(info)), None)
+        if index is None:
+            one.layer(info)
+        else:
+            one.set_info(index, info)
+    return float(to_nanometres(one).dbu / DBU_UM)
+
+
+def to_nanometres(layout: db.Layout) -> db.Layout:
+    """The layout itself, in nanometres where its own unit is a number of them."""
+    scale = layout.dbu / DBU_UM
+    if abs(scale - round(scale)) <= 1e-9 * scale:
+        if round(scale) > 1:
+            layout.transform(db.ICplxTrans(float(round(scale))))
+        layout.dbu = DBU_UM
+    return layout
+
+
+def _layers(layout: db.Layout) -> Mapping[int, db.LayerInfo]:
+    return {index: layout.get_info(index) for index in layout.layer_indexes()}
+
+
+def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: float) -> Iterator[_Pair]:
+    names = (
+        {cell.name for cell in one.each_cell()},
+        {cell.name for cell in other.each_cell() if cell.cell_index() not in repeated},
+    )
+    infos = {info.to_s(): info for layout in (one, other) for info in layout.layer_infos()}
+    layers = [(info, one.find_layer(info), other.find_layer(info)) for info in infos.values()]
+    if scale == 1 and names[0] == names[1]:
+        for name in sorted(names[0]):
+            for info, first, second in layers:
+                regions = _own(one.cell(name), first, ()), _own(other.cell(name), second, repeated)
+                yield name, info, *regions, _slack([one.cell(name)], first)
+        if all(_placed(one.cell(name), ()) == _placed(other.cell(name), repeated) for name in names[0]):
+            return
+    tops = {top.name for layout in (one, other) for top in layout.top_cells()}
+    levels = max(top.hierarchy_levels() for layout in (one, other) for top in layout.top_cells())
+    for name in sorted(tops):
+        for info, first, second in layers:
+            drawn, read = (
+                db.Region() if layout.cell(name) is None or index is None
+                else db.Region(layout.cell(name).begin_shapes_rec(index))
+                for layout, index in ((one, first), (other, second))
+            )  # fmt: skip
+            if scale != 1:
+                drawn = drawn.transformed(db.ICplxTrans(scale))
+            slack = _ROUNDED_NM + (0 if scale == 1 else levels) + _slack(list(one.each_cell()), first)
+            yield name, info, drawn, read, slack
+
+
+def _own(cell: db.Cell, layer: int | None, repeated: Collection[int]) -> db.Region:
+    """Shapes of a cell itself, and those that it repeats."""
+    if layer is None:
+        return db.Region()
+    shapes = cell.begin_shapes_rec(layer)
+    within = set(cell.each_child_cell())
+    shapes.max_depth = 1 if within & set(repeated) else 0
+    if shapes.max_depth:
+        shapes.unselect_cells(sorted(within - set(repeated)))
+    return db.Region(shapes)
+
+
+def _slack(cells: Collection[db.Cell], layer: int | None) -> int:
+    """Half the width of slivers that paths of some cells may leave."""
+    paths = [] if layer is None else [path for cell in cells for path in cell.shapes(layer).each(db.Shapes.SPaths)]
+    radius = max((path.path_width / 2 for path in paths if path.round_path), default=0.0)
+    return (_ROUNDED_NM if paths else 0) + math.ceil(radius * _FROM_CIRCLE / 2)
+
+
+def count_curves(layout: db.Layout) -> int:
+    """Paths with round ends, and circles, which klayout takes for such paths of one point."""
+    return sum(
+        path.round_path
+        for cell in layout.each_cell()
+        for layer in layout.layer_indexes()
+        for path in cell.shapes(layer).each(db.Shapes.SPaths)
+    )
+
+
+def _placed(cell: db.Cell, repeated: Collection[int]) -> Mapping[tuple[object, ...], bytes]:
+    """Where a cell places others: by the other's name and how it is turned, all places; long arrays as they are."""
+    places: dict[tuple[object, ...], list[np.ndarray[tuple[int, int], np.dtype[np.int64]]]] = {}
+    for instance in cell.each_inst():
+        if instance.cell_index in repeated:
+            continue
+        turn, to = instance.cplx_trans, instance.trans.disp
+        key: tuple[object, ...] = instance.cell.name, turn.is_mirror(), round(turn.mag, 9), round(turn.angle, 6) % 360
+        steps = (instance.a, max(1, instance.na)), (instance.b, max(1, instance.nb))
+        points = np.array([[to.x, to.y]], dtype=np.int64)
+        if instance.size() > _MOST_COPIES:
+            key += tuple((step.x, step.y, times) for step, times in steps)
+        else:
+            for step, times in steps:
+                along = np.arange(times)[:, None] * np.array([step.x, step.y], dtype=np.int64)
+                points = (points[:, None] + along).reshape(-1, 2)
+        places.setdefault(key, []).append(points)
+    return {key: np.unique(np.concatenate(points), axis=0).tobytes() for key, points in places.items()}
