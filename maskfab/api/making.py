@@ -17,6 +17,7 @@ from maskfab.api.plate import Plate
 from maskfab.api.results import Asked, InPython, Result, Told, answers, verdict_lines
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, OutputError
+from maskfab.base.files import suffix_of
 from maskfab.base.folders import check_file, write_text
 from maskfab.base.model import Quantity
 from maskfab.base.units import NM_PER_UM, parse_length_um
@@ -356,7 +357,7 @@ def _meant(file: Path) -> tuple[str, ...]:
 
     Only the unit of a DXF can be stated, which the reader of the others says.
     """
-    kind, every = file.suffix.lower(), ("die", "unit_um", "tone", "tolerance")
+    kind, every = suffix_of(file), ("die", "unit_um", "tone", "tolerance")
     if kind in IMAGE_SUFFIXES:
         return (*every, "dots_per_um")
     return (*every, "layer", "cell", "ignore", *(() if kind in LAYOUT_SUFFIXES else ("dots_per_um",)))

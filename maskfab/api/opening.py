@@ -17,6 +17,7 @@ from maskfab.base import __version__, model
 from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError, OutputError
+from maskfab.base.files import suffix_of
 from maskfab.base.units import NM_PER_UM, parse_pitch_um
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.job.values import check_name
@@ -313,7 +314,7 @@ def read_opening(
         return Opening.of_model(opening if pitch is None else _repitched(opening, pitch))
     from maskfab.mask.formats.table import LAYOUT_SUFFIXES  # slow to load, with every format
 
-    if path.suffix.lower() in LAYOUT_SUFFIXES:
+    if suffix_of(path) in LAYOUT_SUFFIXES:
         wanted = _whole(_stated(dots, "dots", path.name), "dots")
         dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")
         return Opening.of_model(

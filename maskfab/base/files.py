@@ -238,6 +238,14 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
         raise SourceError("MF303", what, where=str(path), cure="Delete it and start again") from error
 
 
+PACKED = ".gz"
+
+
+def suffix_of(path: Path) -> str:
+    """The suffix of a file in small letters; of one that is packed by gzip that of its content, as of ``x.gds.gz``."""
+    return Path(path.name.lower().removesuffix(PACKED)).suffix
+
+
 def no_file(path: str | Path, shown: str | Path) -> str:
     """Words on a path, as it is shown, where a file is meant and there is none."""
     return f"{shown} is a folder, and a file is meant" if os.path.isdir(path) else f"there is no file {shown}"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, SourceError
+from maskfab.base.files import suffix_of
 from maskfab.base.model import CLEAR, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
 from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
@@ -221,7 +222,7 @@ def _is_measured(path: Path) -> bool:
         return False
     from maskfab.mask.formats.table import MEASURED_SUFFIXES  # slow to load, with every format
 
-    return path.suffix.lower() in MEASURED_SUFFIXES
+    return suffix_of(path) in MEASURED_SUFFIXES
 
 
 def _load(path: Path, request: Request) -> Opening:

@@ -15,6 +15,7 @@ import numpy as np
 from klayout import db
 
 from maskfab.base.errors import JobError, SourceError
+from maskfab.base.files import suffix_of
 from maskfab.base.model import CLEAR, Box, Die, Mtf, Plate, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
@@ -410,7 +411,7 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     noted = left_out(read)
     name = path.name
     # GDSII and OASIS label cells so; who sets text in a drawing may well mean it to be seen.
-    is_dxf = path.suffix.lower() == ".dxf"
+    is_dxf = suffix_of(path) == ".dxf"
     yield Quantity("rounding", rounding_nm(read), f"largest distance of a coordinate of {name} to the grid")
     for what, count, method, wrong in (
         ("empty_polygons", noted.empty_polygons, f"polygons of {name} without area", True),

@@ -428,4 +428,10 @@ def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Pat
         return opening_file.load_opening(source)
     dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     dots = None if die.pitch is None else CellSize.filling(die.pitch, dot_nm, units.to_nm(die.gutter)).dots
-    return opening_file.load_opening(source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell)
+    try:
+        return opening_file.load_opening(
+            source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell
+        )
+    except SourceError as error:
+        error.reword(lambda text: text.replace("--layer", "opening_layer").replace("--cell", "opening_cell"))
+        raise

@@ -33,6 +33,7 @@ from typing import Any
 from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, SourceError
+from maskfab.base.files import suffix_of
 from maskfab.base.model import Opening
 from maskfab.base.units import NM_PER_UM, parse_pitch_um, to_nm
 from maskfab.job.toml import loads
@@ -96,7 +97,7 @@ def load_opening(
     """
     path = Path(path)
     where = str(path)
-    suffix = path.suffix.lower()
+    suffix = path.suffix.lower() if suffix_of(path) not in _LAYOUTS else suffix_of(path)
     _check_number("dots", dots, where)
     _check_number("dot_nm", dot_nm, where)
     content = b"" if suffix in _LAYOUTS else _read_bytes(path)  # geometry.reading checks its own files

@@ -21,6 +21,7 @@ from jinja2 import TemplateError
 from maskfab.base import __version__, provenance
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import InputError, JobError, MissingPackageError, OutputError
+from maskfab.base.files import suffix_of
 from maskfab.base.findings import maker, origins
 from maskfab.base.folders import (
     APPENDIX,
@@ -352,7 +353,7 @@ def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
         name = path.relative_to(folder).as_posix()
         if name in listed or name in (RESULT_MARK, TIMES):
             continue
-        if path.suffix.lower() in masks:
+        if suffix_of(path) in masks:
             problem = f"{name} is a mask file that the run did not write: it could go to the house by mistake"
             yield Quantity("unlisted", name, problem, limit="", passed=False)
         else:

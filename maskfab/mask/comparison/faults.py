@@ -18,6 +18,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Ints
+from maskfab.base.files import suffix_of
 from maskfab.base.model import CLEAR, Plate, Quantity
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.job.sections import LimitsSection
@@ -99,7 +100,7 @@ def drawn_figures(
     """
     yield _overlaps(layout, path, known)
     most = max_vertices if max_vertices is not None else GDSII_VERTICES
-    judged = max_vertices is not None or path.suffix.lower() in FORMATS["gdsii"].suffixes
+    judged = max_vertices is not None or suffix_of(path) in FORMATS["gdsii"].suffixes
     long = list(_long_outlines(layout, most))
     by = "the job's max_vertices" if max_vertices is not None else "what GDSII takes"
     first = "".join(f": {count} in cell {cell!r}" for cell, count in long[:1])

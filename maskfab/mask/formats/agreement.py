@@ -1,7 +1,8 @@
 """Two readings of one layout held against each other: what two libraries draw otherwise is refused, with the place.
 
-Nothing is merged where both have the same shapes in the same cells, which is soon told. Otherwise the shapes of each
-cell and layer are laid over each other, and whole top cells only where something is placed otherwise.
+Nothing is merged where both have the same elements in the same cells, which is soon told from both as streams of
+GDSII. Otherwise the shapes of each cell and layer are laid over each other, and whole top cells only where something is
+placed otherwise.
 
 Readers may rightly differ by what they round. Corners of polygons are whole numbers in a file, and must agree to the
 last of them. The sides of a path are half a width away from its points: each reader puts their corners on its grid, no
@@ -21,13 +22,17 @@ from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.base.units import NM_PER_UM
-from maskfab.mask.layout import DBU_UM
+from maskfab.mask.layout import DBU_UM, LIBRARY_END
 
 _FROM_CIRCLE = 1 - math.cos(math.pi / 32)
 _ROUNDED_NM = 1
 _MOST_COPIES = 1_000_000
-_SAME = db.LayoutDiff.Silent | db.LayoutDiff.NoProperties | db.LayoutDiff.NoLayerNames
-_SAME |= db.LayoutDiff.NoTextDetails | db.LayoutDiff.NoTextOrientation
+_MOST_WRITTEN = 5_000_000
+"""Shapes; of so many a stream takes a third of a gigabyte."""
+
+_LARGEST_NUMBER = 0xFFFF
+_STRUCTURE, _ELEMENT_END, _TEXT = b"\x00\x1c\x05\x02" + bytes(24), b"\x00\x04\x11\x00", b"\x00\x04\x0c\x00"
+"""BGNSTR without times, ENDEL, TEXT."""
 
 _Pair: TypeAlias = tuple[str, db.LayerInfo, db.Region, db.Region, int]
 """Name of a cell, layer, what each of two readers draws there, and half the width of slivers that mean nothing."""
@@ -44,10 +49,7 @@ def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Co
     Raises:
         SourceError: MF316 with layer, cell, box and both areas.
     """
-    scale = _in_terms_of(klayout, gdstk)
-    if scale == 1 and db.LayoutDiff().compare(klayout, gdstk, _SAME, 0):
-        return
-    for cell, layer, one, other, slack in _pairs(klayout, gdstk, repeated, scale):
+    for cell, layer, one, other, slack in _pairs(klayout, gdstk, repeated, _in_terms_of(klayout, gdstk)):
         unlike = (one ^ other).sized(-slack) if slack else one ^ other
         if not unlike.is_empty():
             areas = [region.merged().area() / NM_PER_UM**2 for region in (one, other)]
@@ -95,11 +97,14 @@ def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: f
     infos = {info.to_s(): info for layout in (one, other) for info in layout.layer_infos()}
     layers = [(info, one.find_layer(info), other.find_layer(info)) for info in infos.values()]
     if scale == 1 and names[0] == names[1]:
-        for name in sorted(names[0]):
+        written = _elements(one), _elements(_spread(other, repeated))
+        unlike = sorted(name for name in names[0] if not _same(*(elements.get(name) for elements in written)))
+        del written
+        for name in unlike:
             for info, first, second in layers:
                 regions = _own(one.cell(name), first, ()), _own(other.cell(name), second, repeated)
                 yield name, info, *regions, _slack([one.cell(name)], first)
-        if all(_placed(one.cell(name), ()) == _placed(other.cell(name), repeated) for name in names[0]):
+        if all(_placed(one.cell(name), ()) == _placed(other.cell(name), repeated) for name in unlike):
             return
     tops = {top.name for layout in (one, other) for top in layout.top_cells()}
     levels = max(top.hierarchy_levels() for layout in (one, other) for top in layout.top_cells())
@@ -116,16 +121,61 @@ def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: f
             yield name, info, drawn, read, slack
 
 
+def _elements(layout: db.Layout) -> Mapping[str, bytes]:
+    """The elements of each cell as records of GDSII; nothing of a layout that is too large to write."""
+    cells, infos = list(layout.each_cell()), layout.layer_infos()
+    shapes = sum(cell.shapes(index).size() for cell in cells for index in layout.layer_indexes())
+    if shapes > _MOST_WRITTEN or any(max(info.layer, info.datatype) > _LARGEST_NUMBER for info in infos):
+        return {}
+    options = db.SaveLayoutOptions()
+    options.format, options.write_context_info, options.gds2_write_timestamps = "GDS2", False, False
+    # Where a structure begins, so does the record of its name: length, kind, text.
+    named = bytes(layout.write_bytes(options)).removesuffix(LIBRARY_END).split(_STRUCTURE)[1:]
+    ends = [int.from_bytes(text[:2]) for text in named]
+    return {text[4:end].rstrip(b"\0").decode("latin-1"): text[end:] for text, end in zip(named, ends, strict=True)}
+
+
+def _same(one: bytes | None, other: bytes | None) -> bool:
+    """Whether two cells have the same elements, in whatever order, and however often each."""
+    if one is None or other is None or one == other:
+        return one is not None and one == other
+    kinds = [{part for part in cell.split(_ELEMENT_END) if not part.startswith(_TEXT)} for cell in (one, other)]
+    return kinds[0] == kinds[1]
+
+
+def _spread(layout: db.Layout, repeated: Collection[int]) -> db.Layout:
+    """A layout whose repeated shapes stand in the cells that repeat them."""
+    among = set(repeated)
+    if not among:
+        return layout
+    spread = layout.dup()
+    for cell in spread.each_cell():
+        instances = [instance for instance in cell.each_inst() if instance.cell_index in among]
+        if not instances or sum(instance.size() for instance in instances) > _MOST_WRITTEN:
+            continue
+        for index in spread.layer_indexes():
+            drawn = db.Region()
+            drawn.merged_semantics = False
+            drawn.insert(_shapes(cell, index, among, itself=False))
+            cell.shapes(index).insert(drawn)
+        for instance in instances:
+            instance.delete()
+    return spread
+
+
 def _own(cell: db.Cell, layer: int | None, repeated: Collection[int]) -> db.Region:
-    """Shapes of a cell itself, and those that it repeats."""
-    if layer is None:
-        return db.Region()
+    """Shapes of a cell, and those that it repeats."""
+    return db.Region() if layer is None else db.Region(_shapes(cell, layer, repeated))
+
+
+def _shapes(cell: db.Cell, layer: int, repeated: Collection[int], *, itself: bool = True) -> db.RecursiveShapeIterator:
     shapes = cell.begin_shapes_rec(layer)
     within = set(cell.each_child_cell())
     shapes.max_depth = 1 if within & set(repeated) else 0
+    shapes.min_depth = 0 if itself else 1
     if shapes.max_depth:
         shapes.unselect_cells(sorted(within - set(repeated)))
-    return db.Region(shapes)
+    return shapes
 
 
 def _slack(cells: Collection[db.Cell], layer: int | None) -> int:

@@ -9,6 +9,7 @@ in 40 s. What draws its records in another order is not counted, and is read wit
 from __future__ import annotations
 
 import re
+import zlib
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,6 +44,7 @@ _NAME, _NAME_AT = b"\x06\x06", 28
 
 _GDSII_MAGIC = b"\x00\x06\x00\x02"
 _OASIS_MAGIC = b"%SEMI-OASIS\r\n"
+_UNSIGNED = b"\x80\x80\x80\x80\0\0"
 _BYTES_PER_SECOND = 3e4
 _CYCLE = "topological_sort"
 
@@ -74,7 +76,18 @@ def write_oasis(layout: db.Layout, path: Path) -> None:
     options.format = "OASIS"
     options.oasis_compression_level = 10
     options.oasis_write_cblocks = True
-    write_pieces([layout_bytes(layout, path, options)], path)
+    write_pieces([_signed(layout_bytes(layout, path, options))], path)
+
+
+def _signed(stream: bytes) -> bytes:
+    """A stream of OASIS with the CRC-32 of all its bytes, which klayout does not write: scheme 1 of its END (SEMI P39).
+
+    END takes 256 bytes, filled up by zeros of the length of an empty text, of which the CRC takes the place of four.
+    """
+    if not stream.endswith(_UNSIGNED):
+        return stream
+    whole = stream[: -len(_UNSIGNED)] + b"\0\1"
+    return whole + zlib.crc32(whole).to_bytes(4, "little")
 
 
 def layout_bytes(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> bytes:

@@ -4,6 +4,10 @@ gdstk trusts its input: a damaged file can end the process that reads it, and ma
 cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
 within limits, and :mod:`maskfab.mask.formats.gdsii` takes what came out whole. Imports little, to start fast.
 
+Records of GDSII that draw nothing, of which gdstk warns, are left out of a copy; so is the cell in which klayout keeps
+settings. Round ends and circles become polygons no further than 1 nm from them. A path all of whose points are one
+draws what its ends are: gdstk would leave it out.
+
     python -P -W error gdstk_process.py read_gds|read_oas FILE
 
 A cell is {"name", "polygons": {"corners", "sizes", "layers", "repetitions"}, "labels": [(text, origin, layer,
@@ -15,8 +19,11 @@ by the numbers of those that have one. From process to process a cell passes as 
 
 from __future__ import annotations
 
+import struct
 import sys
-from collections.abc import Mapping
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -111,14 +118,79 @@ _ENDLIB_RECORD = bytes([0, 4, _ENDLIB, 0])
 _SHORTEST_RECORD = 4
 
 
+_CONTEXT = "$$$CONTEXT_INFO$$$"
+_FROM_CIRCLE_NM = 1.0
+_NODE, _ENDEL, _STRANS, _ABSOLUTE = 0x15, 0x11, 0x1A, 6
+_SILENT = {
+    0x1F, 0x20, 0x22, 0x23, 0x26, 0x2F, 0x32, 0x33, 0x34, 0x36, 0x37, 0x38, 0x39, 0x3A, 0x3B,
+}  # fmt: skip
+"""REFLIBS, FONTS, GENERATIONS, ATTRTABLE, ELFLAGS, PLEX, TAPENUM, TAPECODE, STRCLASS, FORMAT, MASK, ENDMASKS,
+LIBDIRSIZE, SRFNAME and LIBSECUR."""
+
+
 def content(function: str, path: str) -> list[dict[str, Any]]:
-    """All cells of a file as plain data. Raises SourceError MF303 something stands behind the end of a GDSII file."""
+    """All cells of a file as plain data.
+
+    Raises:
+        SourceError: MF303 something stands behind the end of a GDSII file, or an OASIS file is not what its own
+            checksum was made of; MF316 absolute widths, sizes or angles in cells that are placed otherwise.
+    """
     if function == "read_oas":
+        if gdstk.oas_validate(path)[0] is False:
+            raise damaged(Path(path), "its own checksum says that it was changed since it was written")
         _try_klayout(path)
     else:
         _refuse_rest(path)
-    library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
-    return [_plain_repetition(cell) for cell in library.cells]
+    cells = [cell for cell in _library(function, path).cells if cell.name != _CONTEXT]
+    _refuse_absolute_widths(path, cells)
+    return [_plain_repetition(cell) for cell in cells]
+
+
+def _library(function: str, path: str) -> Any:
+    warnings.filterwarnings("ignore", "Missing reference")  # whose names whoever sees the content tells
+    read = getattr(gdstk, function)
+    try:
+        return read(path, unit=_METRES_PER_NM, tolerance=_FROM_CIRCLE_NM)
+    except RuntimeWarning as warning:
+        if function == "read_oas" or "Unsupported" not in str(warning):
+            raise
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
+        drawing = Path(aside) / "drawing.gds"
+        drawing.write_bytes(b"".join(_drawing_records(Path(path))))
+        return read(drawing, unit=_METRES_PER_NM, tolerance=_FROM_CIRCLE_NM)
+
+
+def _drawing_records(path: Path) -> Iterator[bytes]:
+    """The records of a GDSII file without those that draw nothing."""
+    data, start, kind, within_node = path.read_bytes(), 0, -1, False
+    while kind != _ENDLIB:
+        length, kind = struct.unpack_from(">HB", data, start)
+        record = data[start : start + max(length, _SHORTEST_RECORD)]
+        start += len(record)
+        if kind == _STRANS and record[-1] & _ABSOLUTE:
+            what = f"{path.name} places a cell with an absolute magnification or angle, which few programs know"
+            raise SourceError("MF316", what, where=str(path), cure="Place it with both relative to the cell around it")
+        within_node = within_node or kind == _NODE
+        if not within_node and kind not in _SILENT:
+            yield record
+        within_node = within_node and kind != _ENDEL
+
+
+def _refuse_absolute_widths(path: str, cells: Sequence[Any]) -> None:
+    """Refuse paths whose width is not to grow with the cell that they lie in, where that is placed magnified."""
+    within = {cell.name for cell in cells if any(not own.scale_width and own.widths().any() for own in cell.paths)}
+    known = 0
+    while len(within) > known:
+        known = len(within)
+        for cell, placed in ((one, item) for one in cells for item in one.references if item.cell_name in within):
+            if placed.magnification != 1:
+                what = (
+                    f"{Path(path).name} draws a path of an absolute width below cell {placed.cell_name!r}, which cell "
+                    f"{cell.name!r} places {placed.magnification:g} times as large: some readers widen it"
+                )
+                cure = "Draw it as a boundary, or with a width that is not negative"
+                raise SourceError("MF316", what, where=path, cure=cure)
+            within.add(cell.name)
 
 
 def _refuse_rest(path: str) -> None:
@@ -153,7 +225,7 @@ def _try_klayout(path: str) -> None:
 
 
 def _plain_repetition(cell: Any) -> dict[str, Any]:
-    polygons = [*cell.polygons, *(polygon for path in cell.paths for polygon in path.to_polygons())]
+    polygons = [*cell.polygons, *(polygon for path in cell.paths for polygon in _outlined(path))]
     return {
         "name": cell.name,
         "polygons": _outlines(polygons),
@@ -163,6 +235,24 @@ def _plain_repetition(cell: Any) -> dict[str, Any]:
             for item in cell.references
         ],
     }
+
+
+def _outlined(path: Any) -> list[Any]:
+    """A path as polygons."""
+    spine = path.spine()
+    if (spine != spine[0]).any():
+        return list(path.to_polygons())
+    (x, y), half, (ends,) = spine[0], path.widths()[0, 0] / 2, path.ends
+    if ends == "flush" or not half:
+        return []
+    on: dict[str, Any] = {"layer": path.layers[0], "datatype": path.datatypes[0]}
+    if ends == "round":
+        drawn = gdstk.ellipse((x, y), half, tolerance=_FROM_CIRCLE_NM, **on)
+    else:
+        before, after = (half, half) if isinstance(ends, str) else ends
+        drawn = gdstk.rectangle((x - before, y - half), (x + after, y + half), **on)
+    drawn.repetition = path.repetition
+    return [drawn]
 
 
 def _outlines(polygons: list[Any]) -> dict[str, Any]:

@@ -2,9 +2,10 @@
 
 gerbonara reads what boards are made of and passes over what it does not know, step-and-repeat and block apertures
 among it. So every command is looked at first, and only those are let through whose effect is certain: regions, flashes
-and strokes of circles, rectangles, obrounds and regular polygons. Circles become polygons no further than 1 nm from
-them, their corners then go to the nanometre grid, and they are counted; arcs drawn by G02 and G03 are refused. It
-parses a megabyte in a second, beside whatever else is done, and gives back what it took of memory.
+and strokes of circles, rectangles, obrounds and regular polygons. What draws nothing is left out of the text that
+gerbonara gets: comments, names, and commands of earlier editions that state what holds anyhow. Circles become polygons
+no further than 1 nm from them, their corners then go to the nanometre grid, and they are counted; arcs drawn by G02 and
+G03 are refused. It parses a megabyte in a second, beside whatever else is done, and gives back what it took of memory.
 
     python -P -W error gerber_process.py FILE
 """
@@ -53,9 +54,30 @@ _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
 _STROKE = r"(?:G01)?(?:X[+-]?\d+)?(?:Y[+-]?\d+)?D0?[123]"
 _STROKES = re.compile(rf"(?:\s*+{_STROKE}\*)++")
 _FLASHES = re.compile(r"D0?3\*")
-_PLAIN = re.compile(rf"(?:G04.*|G01|G75|G36|G37|M02|(?:G54)?D[1-9]\d+|{_STROKE})", re.DOTALL)
+_PLAIN = re.compile(rf"(?:G01|G75|G36|G37|M02|(?:G54)?D[1-9]\d+|{_STROKE})", re.DOTALL)
+_ZERO, _ONE = r"[+-]?0*\.?0*", r"\+?0*1(?:\.0*)?"
+_SILENT = re.compile(r"G0?4.*|G90", re.DOTALL)
+"""Comments, and absolute coordinates, which the format statement has said."""
+
+_SILENT_EXTENDED = re.compile(
+    rf"AM.*|LN.*|IN.*|LMN|LR{_ZERO}|LS{_ONE}|IPPOS|IR{_ZERO}|MI(?:A0)?(?:B0)?|AS(?:AX)?(?:BY)?|OF(?:A{_ZERO})?(?:B{_ZERO})?|"
+    rf"SF(?:A{_ONE})?(?:B{_ONE})?|SR(?:X0*1)?(?:Y0*1)?(?:I{_ZERO})?(?:J{_ZERO})?",
+    re.DOTALL,
+)
+"""Macros and names, and images that are neither turned, mirrored, exchanged, shifted, scaled nor repeated."""
+
+_UNITS = {"G70": "MOIN", "G71": "MOMM"}
+_CURES = {
+    "IP": "Draw it in positive polarity (%IPPOS*%), clear areas as regions of %LPC*%",
+    "OF": "Add the offset to the coordinates, and leave it out",
+    "SF": "Multiply the coordinates by the factor, and leave it out",
+    "SR": "Write every copy by itself, without step and repeat",
+    "G91": "Write absolute coordinates (%FSLA, and no G91)",
+    "G70": "State one unit, by %MOIN*% or %MOMM*%",
+    "G71": "State one unit, by %MOIN*% or %MOMM*%",
+}
 _EXTENDED = re.compile(
-    rf"(?:FSLAX[1-6][3-7]Y[1-6][3-7]|MO(?:MM|IN)|LP[DC]|IPPOS|T[FAOD][^%*]*|"
+    rf"(?:FSLAX[1-6][3-7]Y[1-6][3-7]|MO(?:MM|IN)|LP[DC]|T[FAOD][^%*]*|"
     rf"ADD[1-9]\d+(?:C,(?:{_NUMBER})|[RO],(?:{_NUMBER})X(?:{_NUMBER})|P,(?:{_NUMBER})X\d+(?:X-?(?:{_NUMBER}))?))"
 )
 # In a comment, too, for readers that know no attributes.
@@ -63,7 +85,7 @@ _NOT_POSITIVE = re.compile(r"(?:G04\s*#@!\s*)?TF\s*\.FilePolarity\b(?!\s*,\s*Pos
 _LENGTHS = re.compile(rf"ADD.*|{_STROKE}", re.DOTALL)
 _STATEMENTS = {"FS": "format statement (%FS)", "MO": "unit statement (%MO)"}
 _ARCS = re.compile(r"G0?[23](?!\d)|G74")
-_COMMAND = re.compile(r"%(?P<extended>[^%]*)%|(?P<plain>[^*%]*)\*")
+_COMMAND = re.compile(r"%(?P<extended>[^%]*)%|(?P<plain>G0?4[^*]*|[^*%]*)\*")
 
 
 def content(path: Path) -> tuple[list[Run], int]:
@@ -77,7 +99,7 @@ def content(path: Path) -> tuple[list[Run], int]:
         text = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
         raise damaged(path, "it is no text") from error
-    _check_commands(path, text)
+    text = _drawing_commands(path, text)
     if len(flashes := _FLASHES.findall(text)) > MOST_CURVES:
         raise _too_many(path, f"{len(flashes)} flashes", f"{MOST_CURVES}")
     outlines = _Outlines(path)
@@ -92,8 +114,10 @@ def _too_many(path: Path, what: str, most: str) -> SourceError:
     return SourceError("MF313", f"{path.name} has {what}; the limit is {most}", where=str(path), cure=cure)
 
 
-def _check_commands(path: Path, text: str) -> None:
-    end = 0
+def _drawing_commands(path: Path, text: str) -> str:
+    """The text without what draws nothing. Raises SourceError MF303, MF311, MF315."""
+    end = start = 0
+    kept, unit = list[str](), ""
     ended = region = False
     lacking = dict(_STATEMENTS)
     while match := _COMMAND.search(text, end):
@@ -102,26 +126,48 @@ def _check_commands(path: Path, text: str) -> None:
         if between.strip():
             raise damaged(path, f"{between.strip()[:40]!r} is no command")
         plain = match["plain"]
-        commands = [plain] if plain is not None else match["extended"].strip().split("*")
-        if plain is None and commands.pop().strip():
-            raise damaged(path, f"{match[0][:40]!r} has no end")
-        for command in commands:
-            _check_command(path, command.strip(), _PLAIN if plain is not None else _EXTENDED, ended)
-            lacking.pop(command.strip()[:2], None)
-            if lacking and _LENGTHS.fullmatch(command.strip()):
+        commands = [plain] if plain is not None else _extended(path, match["extended"].strip())
+        drawing = list[str]()
+        for command in map(str.strip, commands):
+            silent = (_SILENT if plain is not None else _SILENT_EXTENDED).fullmatch(command) is not None
+            _check_command(path, command, _PLAIN if plain is not None else _EXTENDED, ended, silent=silent)
+            if (meant := _UNITS.get(command, command)).startswith("MO"):
+                if unit not in ("", meant):
+                    raise _unread(path, command)
+                silent, unit = silent or unit == meant, meant
+            drawing += [] if silent else [meant]
+            lacking.pop(meant[:2], None)
+            if lacking and _LENGTHS.fullmatch(command):
                 raise _without(path, lacking)
-            ended = ended or command.strip() == "M02"
-            if command.strip() in {"G36", "G37"}:
-                if region == (command.strip() == "G36"):
-                    raise damaged(path, f"{command.strip()} stands where no region can {'begin' if region else 'end'}")
-                region = not region
+            ended = ended or command == "M02"
+            region = _within_region(path, command, region)
+        if [command.strip() for command in commands] != drawing:
+            kept.append(text[start : match.start()])
+            start = end
+            if drawing:
+                kept.append(f"%{'*'.join(drawing)}*%")
         # Nearly all of a file: such commands need no further look, unless they stand behind its end.
         if not ended and not lacking and (strokes := _STROKES.match(text, end)):
             end = strokes.end()
-    if region:
-        raise damaged(path, "a region has no end")
-    if text[end:].strip() or not ended:
-        raise damaged(path, "it ends without M02")
+    if region or text[end:].strip() or not ended:
+        raise damaged(path, "a region has no end" if region else "it ends without M02")
+    return "".join([*kept, text[start:]])
+
+
+def _extended(path: Path, text: str) -> list[str]:
+    """The commands of a block between percent signs; a macro is one, and draws nothing unless an aperture uses it."""
+    *commands, rest = text.split("*")
+    if rest.strip():
+        raise damaged(path, f"{f'%{text}%'[:40]!r} has no end")
+    return ["*".join(commands)] if text.startswith("AM") else commands
+
+
+def _within_region(path: Path, command: str, region: bool) -> bool:
+    if command not in ("G36", "G37"):
+        return region
+    if region == (command == "G36"):
+        raise damaged(path, f"{command} stands where no region can {'begin' if region else 'end'}")
+    return not region
 
 
 def _without(path: Path, lacking: dict[str, str]) -> SourceError:
@@ -130,21 +176,26 @@ def _without(path: Path, lacking: dict[str, str]) -> SourceError:
     return SourceError("MF303", what, where=str(path), cure=cure)
 
 
-def _check_command(path: Path, command: str, grammar: re.Pattern[str], ended: bool) -> None:
+def _check_command(path: Path, command: str, grammar: re.Pattern[str], ended: bool, *, silent: bool) -> None:
     if ended:
         raise damaged(path, f"{command[:40]!r} stands behind M02")
     if _NOT_POSITIVE.match(command):
         what = f"{path.name} says that its polarity is not positive ({command[:60]!r})"
         cure = "Draw clear areas as dark objects, and state Positive or no polarity"
         raise SourceError("MF315", what, where=str(path), cure=cure)
-    if grammar.fullmatch(command):
+    if silent or grammar.fullmatch(command) or (grammar is _PLAIN and command in _UNITS):
         return
-    shown = repr(command[:40])
     if grammar is _PLAIN and _ARCS.match(command):
-        what = f"{path.name} draws arcs ({shown})"
+        what = f"{path.name} draws arcs ({command[:40]!r})"
         raise SourceError("MF311", what, where=str(path), cure="Draw them as regions of straight lines")
-    cure = "Write plain regions, flashes and strokes, without macros, blocks or repeats"
-    raise SourceError("MF315", f"{path.name} has the command {shown}, which is not read", where=str(path), cure=cure)
+    raise _unread(path, command)
+
+
+def _unread(path: Path, command: str) -> SourceError:
+    usual = "Write plain regions, flashes and strokes, without macros, blocks or repeats"
+    cure = next((told for start, told in _CURES.items() if command.startswith(start)), usual)
+    what = f"{path.name} has the command {command[:40]!r}, which is not read"
+    return SourceError("MF315", what, where=str(path), cure=cure)
 
 
 class _Packed(list[Any]):

@@ -9,7 +9,11 @@ Gerber is read by gerbonara, CIF by its grammar and by klayout, which must agree
 
 from __future__ import annotations
 
+import gzip
 import os
+import re
+import tempfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
@@ -20,8 +24,9 @@ from typing import get_args
 
 from klayout import db
 
-from maskfab.base.errors import JobError, OutputError, SourceError
+from maskfab.base.errors import JobError, MaskfabError, OutputError, SourceError
 from maskfab.base.extras import EXTRAS, lacking_libraries, require
+from maskfab.base.files import PACKED, suffix_of
 from maskfab.job.values import MEASURED_FORMATS, FileFormat
 from maskfab.mask import formats as folder
 from maskfab.mask.figures import Figures
@@ -29,7 +34,8 @@ from maskfab.mask.formats.format import FileSettings, Format, Product, Source
 from maskfab.mask.formats.mesh import FORMATS as MESHES
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.solid import SharedFilm
-from maskfab.mask.sandbox import missing
+from maskfab.mask.process_limits import BYTES_PER_SECOND, allow
+from maskfab.mask.sandbox import MEMORY_PER_BYTE, damaged, missing
 
 _LATER = ("_process", "_writer")
 """Ends of names of modules that a format runs or loads when it needs them, for their libraries are heavy."""
@@ -50,6 +56,11 @@ _READ = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 LAYOUT_SUFFIXES = frozenset(_READ)
 """Suffixes of the files that :func:`read_layout` reads."""
 
+
+LARGEST_UNPACKED = 1_000_000_000
+"""Bytes of a layout that comes packed: the largest that is read takes some hours of the processor."""
+
+_AT_ONCE = 1 << 20
 
 MEASURED_SUFFIXES = frozenset(suffix for name in MEASURED_FORMATS for suffix in FORMATS[name].suffixes)
 """Suffixes of layouts whose optics can be measured."""
@@ -134,7 +145,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             crosses itself, MF313 too large, MF315 a command of Gerber or CIF that is not read, MF316 too slow to read,
             MF317 a DXF that draws out of sight.
     """
-    form = _READ.get(path.suffix.lower())
+    form = _READ.get(suffix_of(path))
     if unit_um is not None and not (form is not None and form.takes_unit):
         what = f"{path.name} is not a DXF; only the unit of a DXF can be stated"
         raise JobError("MF105", what, where="--unit", cure="Leave out --unit: other formats state their own")
@@ -146,11 +157,37 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
         raise missing(path)
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Export or copy the file again")
-    return form.read(path) if unit_um is None else form.read(path, unit_um)
+    units = () if unit_um is None else (unit_um,)
+    if path.suffix.lower() != PACKED:
+        return form.read(path, *units)
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
+        try:
+            return form.read(_unpacked(path, Path(aside) / path.stem), *units)
+        except MaskfabError as error:
+            inner = re.compile(rf"(?:{re.escape(aside)}{re.escape(os.sep)})?{re.escape(path.stem)}(?!{PACKED})")
+            error.reword(lambda text: inner.sub(lambda found: str(path) if aside in found[0] else path.name, text))
+            raise
+
+
+def _unpacked(path: Path, to: Path) -> Path:
+    """The content of a file packed by gzip, within the size that a layout may have. Raises SourceError MF303, MF313."""
+    size = 0
+    try:
+        with gzip.open(path) as packed, to.open("wb") as file:
+            while some := packed.read(_AT_ONCE):
+                size += len(some)
+                if size > LARGEST_UNPACKED:
+                    what = f"{path.name} unpacks to more than {LARGEST_UNPACKED:.3g} bytes"
+                    raise SourceError("MF313", what, where=str(path), cure="Export the cells of the mask alone")
+                file.write(some)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise damaged(path, f"it cannot be unpacked ({error})") from error
+    allow(size / BYTES_PER_SECOND, MEMORY_PER_BYTE * size)
+    return to
 
 
 def layout_format(path: Path) -> Format | None:
     """The format of a layout by the end of its name, ours or anybody's; None if no layout is called so."""
     layouts = [form for form in FORMATS.values() if form.read is not None]
     ours = (form for form in layouts if path.name.endswith(form.tail))
-    return next(ours, next((form for form in layouts if path.suffix.lower() in form.suffixes), None))
+    return next(ours, next((form for form in layouts if suffix_of(path) in form.suffixes), None))
