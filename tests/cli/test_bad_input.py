@@ -499,7 +499,9 @@ def test_no_such_cell_is_refused(capsys, gds):
 )
 def test_the_same_of_a_job_whose_opening_is_a_layout(capsys, tmp_path, gds, keys, code):
     job = write_job(tmp_path, (OPENING_KEY, f'opening = "{gds.name}"\n{keys}'))
-    assert str(gds) in refused_run(capsys, tmp_path, job, code)["where"]
+    told = refused_run(capsys, tmp_path, job, code)
+    assert str(gds) in told["where"]
+    assert told["cure"] == f"Give opening_{'layer' if code == 'MF306' else 'cell'} one of these"
 
 
 def test_polygons_off_the_dot_grid_are_refused(capsys, tmp_path, gds):

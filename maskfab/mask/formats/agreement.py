@@ -6,14 +6,15 @@ placed otherwise.
 
 Readers may rightly differ by what they round. Corners of polygons are whole numbers in a file, and must agree to the
 last of them. The sides of a path are half a width away from its points: each reader puts their corners on its grid, no
-farther than 0.71 nm, so that slivers of up to two units are left out. Round ends are polygons of 32 corners for
-klayout, which lie within r (1 - cos (pi / 32)) of the circle.
+farther than 0.71 nm, so that slivers of up to two units are left out. Round ends are polygons of 32 sides for
+klayout, which stand out from the circle by r (1 / cos (pi / 32) - 1) at their corners.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -24,7 +25,7 @@ from maskfab.base.errors import SourceError
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.layout import DBU_UM, LIBRARY_END
 
-_FROM_CIRCLE = 1 - math.cos(math.pi / 32)
+_FROM_CIRCLE = 1 / math.cos(math.pi / 32) - 1
 _ROUNDED_NM = 1
 _MOST_COPIES = 1_000_000
 _MOST_WRITTEN = 5_000_000
@@ -34,8 +35,25 @@ _LARGEST_NUMBER = 0xFFFF
 _STRUCTURE, _ELEMENT_END, _TEXT = b"\x00\x1c\x05\x02" + bytes(24), b"\x00\x04\x11\x00", b"\x00\x04\x0c\x00"
 """BGNSTR without times, ENDEL, TEXT."""
 
-_Pair: TypeAlias = tuple[str, db.LayerInfo, db.Region, db.Region, int]
-"""Name of a cell, layer, what each of two readers draws there, and half the width of slivers that mean nothing."""
+_Pair: TypeAlias = tuple[str, db.LayerInfo, db.Region, db.Region, "_Slack"]
+"""Name of a cell, layer, what each of two readers draws there, and what may differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Slack:
+    """Half the width of slivers that mean nothing, and around some paths, for their round ends."""
+
+    nm: int
+    paths: db.Region
+    around_nm: int
+
+    def without(self, unlike: db.Region) -> db.Region:
+        """The rest of what differs, which means something."""
+        rest = unlike.sized(-self.nm) if self.nm else unlike
+        if rest.is_empty() or self.paths.is_empty():
+            return rest
+        around = self.paths.extents(self.around_nm)
+        return (rest - around) + (rest & around).sized(-self.around_nm)
 
 
 def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Collection[int] = ()) -> None:
@@ -50,8 +68,8 @@ def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Co
         SourceError: MF316 with layer, cell, box and both areas.
     """
     for cell, layer, one, other, slack in _pairs(klayout, gdstk, repeated, _in_terms_of(klayout, gdstk)):
-        unlike = (one ^ other).sized(-slack) if slack else one ^ other
-        if not unlike.is_empty():
+        unlike = slack.without(one ^ other)
+        if unlike.area() > 0:  # a shape without area may be left in it
             areas = [region.merged().area() / NM_PER_UM**2 for region in (one, other)]
             box = unlike.bbox()
             left, bottom, right, top = (side / NM_PER_UM for side in (box.left, box.bottom, box.right, box.top))
@@ -103,11 +121,11 @@ def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: f
         for name in unlike:
             for info, first, second in layers:
                 regions = _own(one.cell(name), first, ()), _own(other.cell(name), second, repeated)
-                yield name, info, *regions, _slack([one.cell(name)], first)
+                yield name, info, *regions, _slack([one.cell(name)], first, 0)
         if all(_placed(one.cell(name), ()) == _placed(other.cell(name), repeated) for name in unlike):
             return
     tops = {top.name for layout in (one, other) for top in layout.top_cells()}
-    levels = max(top.hierarchy_levels() for layout in (one, other) for top in layout.top_cells())
+    levels = max((top.hierarchy_levels() for layout in (one, other) for top in layout.top_cells()), default=0)
     for name in sorted(tops):
         for info, first, second in layers:
             drawn, read = (
@@ -117,8 +135,8 @@ def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: f
             )  # fmt: skip
             if scale != 1:
                 drawn = drawn.transformed(db.ICplxTrans(scale))
-            slack = _ROUNDED_NM + (0 if scale == 1 else levels) + _slack(list(one.each_cell()), first)
-            yield name, info, drawn, read, slack
+            rounded = math.ceil(max(1, scale) * _ROUNDED_NM) + (0 if scale == 1 else levels)
+            yield name, info, drawn, read, _slack(list(one.each_cell()), first, rounded, one.cell(name), scale)
 
 
 def _elements(layout: db.Layout) -> Mapping[str, bytes]:
@@ -178,11 +196,20 @@ def _shapes(cell: db.Cell, layer: int, repeated: Collection[int], *, itself: boo
     return shapes
 
 
-def _slack(cells: Collection[db.Cell], layer: int | None) -> int:
-    """Half the width of slivers that paths of some cells may leave."""
+def _slack(
+    cells: Sequence[db.Cell], layer: int | None, nm: int, top: db.Cell | None = None, scale: float = 1.0
+) -> _Slack:
+    """Half the width of slivers that paths of some cells may leave in the first one itself, or in all of a top cell."""
     paths = [] if layer is None else [path for cell in cells for path in cell.shapes(layer).each(db.Shapes.SPaths)]
     radius = max((path.path_width / 2 for path in paths if path.round_path), default=0.0)
-    return (_ROUNDED_NM if paths else 0) + math.ceil(radius * _FROM_CIRCLE / 2)
+    around = db.Region()
+    if radius:
+        shapes = (top or cells[0]).begin_shapes_rec(layer)
+        shapes.shape_flags = db.Shapes.SPaths
+        shapes.max_depth = shapes.max_depth if top else 0
+        around = db.Region(shapes).transformed(db.ICplxTrans(scale))
+        around.merged_semantics = False
+    return _Slack(max(nm, _ROUNDED_NM if paths else 0), around, math.ceil(radius * scale * _FROM_CIRCLE / 2 + 1))
 
 
 def count_curves(layout: db.Layout) -> int:

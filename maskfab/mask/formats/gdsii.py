@@ -185,7 +185,7 @@ def _by_gdstk(path: Path, function: str) -> tuple[db.Layout, Collection[int]]:
 
 
 def _agreed(path: Path, gdstk: db.Layout, repeated: Collection[int], klayout: db.Layout | None = None) -> db.Layout:
-    """What gdstk has read, if klayout reads the same."""
+    """The layout by gdstk, if klayout reads the same."""
     klayout = klayout or by_klayout(path)
     refuse_unlike(path, klayout, gdstk, repeated)
     note_left_out(gdstk, replace(left_out(gdstk), curves=count_curves(klayout)))

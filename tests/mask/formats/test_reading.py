@@ -72,7 +72,7 @@ def test_a_directory_is_no_file(tmp_path):
     assert refusal(path) == "MF301"
 
 
-@pytest.mark.parametrize("name", ["x.png", "x", "x.gds.gz", "x.dwg"])
+@pytest.mark.parametrize("name", ["x.png", "x", "x.gz", "x.png.gz", "x.dwg"])
 def test_other_suffixes_are_refused(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(b"1234")

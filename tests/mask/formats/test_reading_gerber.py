@@ -184,3 +184,45 @@ def test_a_plate_that_could_not_be_read_back_is_not_begun(tmp_path, monkeypatch)
         pipeline.run(job, tmp_path / "out", progress=lambda stage, *_: told.append(stage))
     assert not told
     assert not (tmp_path / "out").exists()
+
+
+SILENT = [
+    "G04 #@! %TF.Part,Single*", "G04 50% of *", "G4 a*", "G90*", "G71*", "%LNMASK*%", "%INMASK*%", "%IPPOS*%", "%SR*%",
+    "%SRX1Y1I0J0*%", "%OFA0.0B0.0*%", "%SFA1.0B1.0*%", "%IR0*%", "%MIA0B0*%", "%ASAXBY*%", "%LMN*LR0*LS1.0*%",
+    "%AMOC8*\n5,1,8,0,0,1.08239X$1,22.5*%",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("line", SILENT)
+def test_commands_that_draw_nothing_are_passed_over(tmp_path, line):
+    (polygon,) = shapes(tmp_path, f"{line}\n{box(2000)}{line}\n")
+    assert polygon.bbox().to_s() == "(2000,0;3000,1000)"
+
+
+def test_the_unit_may_be_stated_as_earlier_editions_had_it(tmp_path):
+    path = file(tmp_path, box(2000))
+    for code, width_nm in (("G70", 25400), ("G71", 1000)):
+        path.write_text(f"{HEAD}{box(2000)}M02*\n".replace("%MOMM*%", f"{code}*"))
+        assert read_gerber(path).top_cell().bbox().width() == width_nm
+
+
+@pytest.mark.parametrize(
+    ("line", "cure"),
+    [
+        ("%IPNEG*%", "%IPPOS"),
+        ("%OFA0.5B0*%", "Add the offset"),
+        ("%SFA2B1*%", "Multiply"),
+        ("%SRX2Y1I5J0*%", "Write every copy"),
+        ("G91*", "absolute coordinates"),
+        ("G70*", "State one unit"),
+        ("%MIA1B0*%", ""),
+        ("%IR90*%", ""),
+        ("%ASAYBX*%", ""),
+        ("%LS2*%", ""),
+        ("%AMOC8*5,1,8,0,0,1,22.5*%%ADD11OC8,0.5*%", ""),
+    ],
+)
+def test_commands_that_change_the_picture_are_refused_with_a_cure(tmp_path, line, cure):
+    with pytest.raises(SourceError, match="MF315") as caught:
+        read_gerber(file(tmp_path, f"{line}\n{box(2000)}"))
+    assert cure in caught.value.cure
