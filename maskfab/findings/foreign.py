@@ -51,7 +51,7 @@ from maskfab.mask.comparison.faults import (
     slanted,
 )
 from maskfab.mask.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare_layout
-from maskfab.mask.formats.content import rounding_nm
+from maskfab.mask.formats.content import moved_nm, rounding_nm
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES, read_picture
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.layout import (
@@ -169,7 +169,13 @@ def _measured(
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
     measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
     quantities = [
-        metrics.stop_open_ratio(area, camera, name, "area of the file's polygons inside the stop over the stop's")
+        metrics.stop_open_ratio(
+            area,
+            camera,
+            name,
+            "area of the file's polygons inside the stop over the stop's",
+            shapes.perimeter() * moved_nm(read) / NM_PER_UM**2,
+        )
     ]
     about = f"; {raster}, on which every edge lies" if exact else f"; {raster}, finer than which nothing is resolved"
     for quantity in measured.quantities:

@@ -84,10 +84,10 @@ _FIXED_BY = ("the open ratio", "the mean amplitude, the film's leak included,")
 _VOLUME_BY = ("the open ratio", "mean amplitude² over mean intensity, the film's leak included,")
 
 
-def stop_open_ratio(clear_um2: float, camera: Camera, die: str | None, method: str) -> Quantity:
-    """Share of the stop that is clear."""
-    ratio = clear_um2 / camera.stop.area_um2
-    return Quantity("stop_open_ratio", ratio, method, uncertainty=AREA_ERROR * ratio, die=die)
+def stop_open_ratio(clear_um2: float, camera: Camera, die: str | None, method: str, off_um2: float = 0.0) -> Quantity:
+    """Share of the stop that is clear; ``off_um2`` bounds what outlines that were moved on reading add or take."""
+    ratio, off = clear_um2 / camera.stop.area_um2, off_um2 / camera.stop.area_um2
+    return Quantity("stop_open_ratio", ratio, method, uncertainty=AREA_ERROR * ratio + off, die=die)
 
 
 def mtf_quantities(mtf: Mtf, pixel_um: float, die: str | None) -> list[Quantity]:

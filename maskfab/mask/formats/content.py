@@ -26,6 +26,7 @@ from maskfab.mask.layout import (
     is_empty,
     is_plain,
     layer_info,
+    left_out,
     note_left_out,
     outlines_layout,
     refuse_long,
@@ -37,6 +38,9 @@ _MOST_COPIES = 10_000_000
 _MANY_COPIES = 64
 _AT_ONCE = 10_000
 _ON_GRID_NM = 1e-6
+_FROM_CURVE_NM = 1.0
+"""Of chords, before their ends go to the grid."""
+
 _STEP_NM = 1e-3
 """Distance of the last copy of an array from the grid that comes from a division, not from its steps."""
 
@@ -57,6 +61,12 @@ def note_rounding(layout: db.Layout, rounding_nm: float) -> None:
 def rounding_nm(layout: db.Layout) -> float:
     """The largest distance by which a coordinate was moved to the nanometre grid when the layout was read."""
     return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
+
+
+def moved_nm(layout: db.Layout) -> float:
+    """How far an outline may lie from the one that a file draws: by rounding, and by the chords of what is round."""
+    rounded = math.sqrt(2) * rounding_nm(layout)
+    return _FROM_CURVE_NM + max(rounded, math.sqrt(0.5)) if left_out(layout).curves else rounded
 
 
 def drawn_unit_um(layout: db.Layout) -> float | None:
