@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from maskfab.api.designing import design as design
     from maskfab.api.making import forecast as forecast
     from maskfab.api.making import run as run
-    from maskfab.api.making import verify as verify
     from maskfab.api.making import view as view
     from maskfab.api.measuring import edge as edge
     from maskfab.api.measuring import measure as measure
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from maskfab.api.restoring import restore as restore
     from maskfab.api.studying import study as study
     from maskfab.api.sweeping import sweep as sweep
+    from maskfab.api.verifying import verify as verify
     from maskfab.base.errors import MaskfabError as MaskfabError
     from maskfab.mask.job import load_job as load_job
     from maskfab.mask.panels import read_map as read_map

@@ -129,7 +129,7 @@ function listRules(told, rules, step, changed) {
 function tellFile(told) {
   const rows = [
     ["Mask file, read back", told.file.path], ["Format", told.file.format],
-    ["Bytes", String(told.file.bytes)], ["SHA-256", told.file.sha256, "mono"],
+    ["Read", told.readers], ["Bytes", String(told.file.bytes)], ["SHA-256", told.file.sha256, "mono"],
     ["Job hash", told.job_hash, "mono"], ["maskfab", told.maskfab_version],
   ];
   byId("file").replaceChildren(...rows.flatMap(([heading, words, kind]) => [

@@ -16,7 +16,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from importlib import import_module
+from importlib import import_module, metadata
 from itertools import chain
 from pathlib import Path
 from pkgutil import iter_modules
@@ -191,3 +191,11 @@ def layout_format(path: Path) -> Format | None:
     layouts = [form for form in FORMATS.values() if form.read is not None]
     ours = (form for form in layouts if path.name.endswith(form.tail))
     return next(ours, next((form for form in layouts if suffix_of(path) in form.suffixes), None))
+
+
+def readers_of(path: Path, *, versions: bool = False) -> str:
+    """Packages that read a layout of this name, as in ``"alike by klayout and gdstk"``; empty if it is none."""
+    form = layout_format(path)
+    names = [] if form is None else [package for package, _ in form.readers]
+    said = [f"{name} {metadata.version(name)}" if versions else name for name in names]
+    return f"alike by {', '.join(said[:-1])} and {said[-1]}" if len(said) > 1 else f"by {said[0]}" if said else ""

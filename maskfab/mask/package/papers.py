@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import math
+import pathlib
 import re
 import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -31,6 +32,7 @@ from maskfab.base.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH
 from maskfab.job.shop import OrderField, Shop, dump_shop
 from maskfab.job.values import PLATE_BITMAPS, ShopFormat
 from maskfab.mask.figures import CUT, Figures
+from maskfab.mask.formats.table import readers_of
 from maskfab.mask.houses.adaptation import kept_grid_nm
 from maskfab.mask.houses.files import DotEdges
 from maskfab.mask.houses.findings import Finding
@@ -323,6 +325,8 @@ def order_sheet(
         groups[_ASKED] = [(str(number), question) for number, question in enumerate(questions, 1)]
     if "gdsii" in formats:
         groups[_DATA].append(_REFEREE)
+    read = [f"{name}, {how}" for name, _ in files if (how := readers_of(pathlib.Path(name)))]
+    groups[_DATA] += [("read back", "; ".join(read))] if read else []
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",

@@ -369,11 +369,8 @@ class Drawing:
     def save(self, path: str | Path) -> Path:
         """Write it as SVG or PNG, by the path's suffix; an earlier file is replaced."""
         target = Path(path)
-        content = {".svg": lambda: self.svg().encode(), ".png": self.png}.get(target.suffix.lower())
-        if content is None:
-            what = f"no picture is written with the suffix {target.suffix!r}"
-            raise OutputError("MF430", what, where=str(target), cure="Use .svg or .png")
-        write_bytes(target, content(), replace=True)
+        check_suffix(target)
+        write_bytes(target, self.png() if target.suffix.lower() == ".png" else self.svg().encode(), replace=True)
         return target
 
     def _repr_svg_(self) -> str:
@@ -381,6 +378,13 @@ class Drawing:
 
     def __repr__(self) -> str:
         return f"<Drawing: {self.words}>"
+
+
+def check_suffix(target: Path) -> None:
+    """Refuse a file that is no picture a drawing can be. Raises OutputError MF430."""
+    if target.suffix.lower() not in (".svg", ".png"):
+        what = f"no picture is written with the suffix {target.suffix!r}"
+        raise OutputError("MF430", what, where=str(target), cure="Use .svg or .png")
 
 
 def img(address: str, words: str, kind: str) -> str:

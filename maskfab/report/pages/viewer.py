@@ -27,7 +27,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.base.resources import template
 from maskfab.base.units import UM_PER_NM
 from maskfab.mask.formats.content import layer_label
-from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout
+from maskfab.mask.formats.table import LAYOUT_SUFFIXES, read_layout, readers_of
 from maskfab.mask.layout import DBU_UM, CellNames
 from maskfab.report.documents.report import read_reports
 from maskfab.report.documents.shape import Document, Record
@@ -293,6 +293,7 @@ def shown_plate(
         "title": report["title"],
         "beside": beside,
         "file": {key: mask[key] for key in ("path", "format", "bytes", "sha256")},
+        "readers": readers_of(Path(name), versions=True),
         "job_hash": report["job_hash"],
         "maskfab_version": report["maskfab_version"],
         "box": [box.left, box.bottom, box.right, box.top],
