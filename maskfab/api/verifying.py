@@ -1,4 +1,4 @@
-"""What was made or came from elsewhere, verified: runs, packages, and mask files, by their job or by their readers."""
+"""Runs, packages and mask files from anywhere, verified: by their job, or by their readers."""
 
 from __future__ import annotations
 

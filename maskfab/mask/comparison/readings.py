@@ -95,7 +95,7 @@ class Readings:
 
 
 _Drawn = Mapping[tuple[str, str], tuple[db.Region, int]]
-"""What a reader draws, merged, and how many shapes that was, by top cell and layer."""
+"""Shapes of a reader, merged, and how many these were, by top cell and layer."""
 
 
 def readings(path: Path, unit_um: float | None = None) -> Readings:
