@@ -132,6 +132,10 @@ function tellFile(told) {
     ["Read", told.readers], ["Bytes", String(told.file.bytes)], ["SHA-256", told.file.sha256, "mono"],
     ["Job hash", told.job_hash, "mono"], ["maskfab", told.maskfab_version],
   ];
+  for (const layer of told.layers.filter((each) => each.drawn)) {
+    const [left, bottom, right, top] = layer.box.map((side) => side / 1000);
+    rows.push([layer.name, `${layer.drawn} shapes in (${left}, ${bottom}) to (${right}, ${top}) um`]);
+  }
   byId("file").replaceChildren(...rows.flatMap(([heading, words, kind]) => [
     element("dt", heading), element("dd", words, kind ? { class: kind } : {}),
   ]));

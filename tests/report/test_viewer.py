@@ -142,6 +142,16 @@ def test_holes_paths_boxes_arrays_and_turned_references_are_told_exactly():
     assert differences(rebuilt(drawn_cells(layout)), layout) == 0
 
 
+def test_a_layer_tells_how_many_shapes_it_draws_and_where():
+    layout = db.Layout()
+    cell, top = layout.create_cell("PIXEL"), layout.create_cell("TOP")
+    cell.shapes(layout.layer(1, 0)).insert(db.Box(0, 0, 20, 50))
+    top.insert(db.CellInstArray(cell.cell_index(), db.Trans(), db.Vector(100, 0), db.Vector(0, 100), 3, 2))
+    top.shapes(layout.layer(11, 0)).insert(db.Text("a note", db.Trans(7, 9)))
+    told = {layer["numbers"]: (layer["drawn"], layer["box"]) for layer in drawn_cells(layout)["layers"]}
+    assert told == {"1/0": (6, [0, 0, 220, 150]), "11/0": (0, [7, 9, 7, 9])}
+
+
 def test_places_of_rules_are_those_of_the_markers(tmp_path):
     found = RuleResult("corner_touch", 0, "nm", 0, 5, ((1, 2, 3, 4), (-7, 8, -7, 8)), "PLAIN")
     write_markers([found], "TOP", tmp_path / "p.lyrdb")

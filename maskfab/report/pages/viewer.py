@@ -64,7 +64,8 @@ _PURPOSES = {(layer.number, layer.datatype): layer for layer in (*LAYERS, CHROME
 def drawn_cells(layout: db.Layout) -> Document:
     """Layers that hold something and the cells that the top cell reaches, children before parents.
 
-    * ``layers``: ``name``, ``numbers``, ``purpose`` and, of layers of ours, whether the mask writer exposes them.
+    * ``layers``: ``name``, ``numbers``, ``purpose`` and, of layers of ours, whether the mask writer exposes them; how
+      many ``drawn`` shapes every reference followed, and the ``box`` about them in nm.
     * ``cells``: ``name``; ``shapes``, for each layer by its place in ``layers`` packed numbers: of every polygon how
       many contours it has, of every contour how many vertices, then their steps in nm, hull first; ``groups`` of
       references alike: place of the cell, ``turn`` (a, b, c, d: x' = a x + c y, y' = b x + d y), ``steps`` and
@@ -86,10 +87,16 @@ def drawn_cells(layout: db.Layout) -> Document:
     infos = {index: layout.get_info(index) for index in layers}
     layers.sort(key=lambda index: (infos[index].layer, infos[index].datatype, str(infos[index].name)))
     return {
-        "layers": [_layer(infos[index]) for index in layers],
+        "layers": [_layer(infos[index]) | _extent(top, index) for index in layers],
         "cells": [_cell(layout.cell(index), layers, places) for index in order],
         "top": places[top.cell_index()],
     }
+
+
+def _extent(top: db.Cell, layer: int) -> Document:
+    box, shapes = top.bbox(layer), db.Region(top.begin_shapes_rec(layer))
+    shapes.merged_semantics = False
+    return {"drawn": shapes.count(), "box": [box.left, box.bottom, box.right, box.top]}
 
 
 def _layer(info: db.LayerInfo) -> Document:
