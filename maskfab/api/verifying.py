@@ -105,7 +105,8 @@ class Readings(Result):
                 told = [one for one in reading.layers if (one.cell, one.layer) == (cell, layer)]
                 what = "  nothing" if not told and not reading.refused else "  refused" if reading.refused else ""
                 for one in told:
-                    what += f"{one.shapes:9d} shape{'s' if one.shapes != 1 else ' '} {one.area_um2:16.10g} um^2  {_box(one.box_um)}"
+                    shapes = "shape " if one.shapes == 1 else "shapes"
+                    what += f"{one.shapes:9d} {shapes} {one.area_um2:16.10g} um^2  {_box(one.box_um)}"
                 lines.append(f"  {reading.reader:10} {reading.version:10}{what}")
             for view in self.views:
                 if (view.cell, view.layer) == (cell, layer) and view.unlike_um is not None:
