@@ -64,7 +64,7 @@ def rounding_nm(layout: db.Layout) -> float:
 
 
 def moved_nm(layout: db.Layout) -> float:
-    """Distance of an outline from the one that a file draws, at most: by rounding, and by the chords of what is round."""
+    """Distance of an outline from the one that a file draws, at most: by rounding, and by chords of what is round."""
     rounded = math.sqrt(2) * rounding_nm(layout)
     return _FROM_CURVE_NM + max(rounded, math.sqrt(0.5)) if left_out(layout).curves else rounded
 

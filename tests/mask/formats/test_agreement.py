@@ -72,7 +72,7 @@ def test_trapezoids_of_every_kind_are_read(tmp_path, kind):
     if kind in range(8, 14):  # which are at least as wide as they are high, to either side
         drawn = shape(26, 0xE0, whole(kind), whole(900), whole(3000), x=200_000)
     path = oasis(tmp_path / "x.oas", RECTANGLE, drawn)
-    assert {len(each.layers) for each in readings(path)} == {1}
+    assert {len(each.layers) for each in readings(path).readings} == {1}
     assert area_um2(read_layout(path)) > 4000
 
 
