@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,8 @@ def read_picture(path: str | Path) -> Picture:
         return _of_image(image, where)
     image.close()
     with shown_alike(path) as shown:
-        return _of_image(_opened(shown, where), where)
+        picture = _of_image(_opened(shown.path, where), where)
+        return replace(picture, values=shown.positive(picture.values, 1.0))
 
 
 def _opened(path: Path, where: str) -> Any:

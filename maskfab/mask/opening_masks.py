@@ -52,6 +52,8 @@ Rows = list[tuple[int, str]]
 CLOSED, CLEAR = ".", "#"
 _SAVE = "Save 1 where the opening is clear and 0 where it is opaque"
 MOST_CHANNELS = 16
+_BEYOND = 0.01
+"""What rounding of floating-point pictures does at most beyond black and white."""
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
 
@@ -108,7 +110,8 @@ def from_image(path: Path) -> Mask:
         return _of_image(image, str(path))
     image.close()
     with shown_alike(path) as shown:
-        return _of_image(_opened_image(path, shown), str(path))
+        mask = _of_image(_opened_image(path, shown.path), str(path))
+        return ~mask if shown.turned else mask
 
 
 def _opened_image(path: Path, shown: Path) -> Any:
@@ -150,6 +153,8 @@ def _of_image(image: Any, where: str) -> Mask:
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused next
         brightness = channels[:, :, colours].astype(np.float64).mean(axis=2)
     _refuse(~np.isfinite(brightness), brightness, "is not finite", where)
+    beyond = (brightness < -_BEYOND) | (brightness > 1 + _BEYOND)
+    _refuse(beyond, brightness, "is not between 0 (opaque) and 1 (clear)", where)
     return np.asarray(brightness >= 0.5)[::-1]
 
 
