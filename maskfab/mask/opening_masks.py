@@ -53,7 +53,7 @@ CLOSED, CLEAR = ".", "#"
 _SAVE = "Save 1 where the opening is clear and 0 where it is opaque"
 MOST_CHANNELS = 16
 _BEYOND = 0.01
-"""What rounding of floating-point pictures does at most beyond black and white."""
+"""Rounding of floating-point pictures goes no farther beyond black and white."""
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
 

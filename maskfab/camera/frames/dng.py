@@ -115,7 +115,7 @@ class Told:
 
 
 def told(path: Path) -> Told | None:
-    """What a DNG tells of its raw picture; None of another file.
+    """The raw picture of a DNG as its tags tell; None of another file.
 
     Raises:
         SourceError: MF303 for damaged tags, MF330 for compression with loss or a tone that LibRaw leaves out.
