@@ -299,6 +299,11 @@ class EdgeMeasurement(FolderResult):
     notes: tuple[str, ...] = ()
 
     @property
+    def passed(self) -> bool:
+        """Whether every edge is one that light made: not sharpened, linear, evenly lit."""
+        return all(row.passed is not False for edge in self.found.edges for row in edge.quantities)
+
+    @property
     def edges(self) -> tuple[Quantities, ...]:
         """The numbers of every edge."""
         return tuple(Quantities(edge.quantities) for edge in self.found.edges)
