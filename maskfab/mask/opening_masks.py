@@ -57,9 +57,41 @@ _BEYOND = 0.01
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
 
-def text_rows(text: str) -> Rows:
-    """The lines of a plain grid, without its comment lines (``;`` first)."""
-    return [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
+def text_rows(text: str, where: str) -> Rows:
+    """The lines of a plain grid, without its comment lines (``;`` first), numbers 0 and 1 drawn as '.' and '#'.
+
+    A drawing has no digits, so that a text with any in its first line is one of numbers: apart by semicolons, tabs,
+    commas, blanks or nothing, comments behind ``# ``.
+
+    Raises:
+        OpeningError: MF202 for another number, or none.
+    """
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
+    numbers = [(n, line.strip()) for n, line in lines if line.strip() and not line.startswith("# ")]
+    if not any(character.isdigit() for _, line in numbers[:1] for character in line):
+        return lines
+    return [(n, _drawn_numbers(line, n, where)) for n, line in numbers]
+
+
+def _drawn_numbers(line: str, number: int, where: str) -> str:
+    """A line of 0 and 1 as it is drawn."""
+    between = next((mark for mark in ";\t," if mark in line), None)
+    fields: Iterable[str] = line.split(between)
+    if between is None and not set(line) - set("01"):
+        fields = line
+    drawn = ""
+    for place, field in enumerate(fields, start=1):
+        try:
+            # Where semicolons part numbers, a comma is a decimal one.
+            value = float(field.strip().strip('"').replace(",", "."))
+        except ValueError:
+            value = np.nan
+        if value not in (0, 1):
+            what = f"line {number}, number {place}: {field.strip()!r} is neither 0 (opaque) nor 1 (clear)"
+            cure = "Write rows of 0 and 1 alone, the top row first, without names of rows or columns"
+            raise OpeningError("MF202", what, where=where, cure=cure)
+        drawn += CLEAR if value else CLOSED
+    return drawn
 
 
 def mask_of_lines(lines: Rows, where: str) -> Mask:
