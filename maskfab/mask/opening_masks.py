@@ -133,7 +133,8 @@ def from_image(path: Path) -> Mask:
     """Mask of an image of one pixel per dot: clear where the mean of the colour channels is at least one half.
 
     Raises:
-        SourceError: MF303 damaged, MF318 a TIFF that does not say what is white.
+        SourceError: MF303 damaged, MF308 turned, of several pages or transparent, MF318 a TIFF that does not say what
+            is white.
         OpeningError: MF201 not square, MF202 a brightness that is not finite, or no colour channel.
         JobError: MF115 too large.
     """
@@ -172,6 +173,12 @@ def _of_image(image: Any, where: str) -> Mask:
             )
             cure = "Save the whole picture, with equal data and display windows"
             raise OpeningError("MF201", what, where=where, cure=cure)
+        turned = spec.get_int_attribute("Orientation", 1) != 1
+        if image.seek_subimage(1, 0) or turned:
+            what = "is turned by its tags" if turned else "has several pages"
+            raise SourceError("MF308", f"the image {what}", where=where, cure="Save one picture as it is seen")
+        said_by(image)  # there being no second page is no error
+        image.seek_subimage(0, 0)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -182,6 +189,9 @@ def _of_image(image: Any, where: str) -> Mask:
     if not colours:
         raise OpeningError("MF202", "the image has no colour channel", where=where, cure="Save it as a grey image")
     channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
+    if spec.alpha_channel >= 0 and not channels[:, :, spec.alpha_channel].min() >= 1:
+        cure = "Save it without transparency, white where it is clear and black where it is opaque"
+        raise SourceError("MF308", "the image is transparent in part, which is neither", where=where, cure=cure)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused next
         brightness = channels[:, :, colours].astype(np.float64).mean(axis=2)
     _refuse(~np.isfinite(brightness), brightness, "is not finite", where)

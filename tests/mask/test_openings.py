@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its customary name
 import pytest
+import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -414,3 +415,15 @@ def test_other_numbers_are_refused_with_their_place(tmp_path, text, said):
     with pytest.raises(OpeningError, match=said) as caught:
         load_opening(path, dot_nm=8000)
     assert caught.value.code == "MF202"
+
+
+@pytest.mark.parametrize("fault", ["turned", "pages", "transparent"])
+def test_an_image_that_may_be_seen_otherwise_is_refused(tmp_path, fault):
+    path, pixels = tmp_path / "corner.tif", np.full((3, 3), 255, np.uint8)
+    if fault == "transparent":
+        tifffile.imwrite(path, np.stack([pixels, pixels // 2], axis=-1), photometric=1, extrasamples=["unassalpha"])
+    else:
+        turned = [(274, "H", 1, 6, True)] if fault == "turned" else ()
+        pages = np.stack([pixels, pixels]) if fault == "pages" else pixels
+        tifffile.imwrite(path, pages, photometric=1, extratags=turned, metadata=None)
+    refused("MF308", load_opening, path, dot_nm=8000)
