@@ -12,6 +12,7 @@ less its own, so that one black holds for all and every share of white is the sp
 
 from __future__ import annotations
 
+import math
 import shutil
 import struct
 import tempfile
@@ -23,9 +24,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.frames.frame import PLANE_COLOURS, Colour, Frame, Pattern
+from maskfab.camera.frames.frame import MOST_PIXELS, PLANE_COLOURS, Colour, Frame, Pattern
 from maskfab.mask.formats.tiff import Tags, damage_told, header, read_directory, said_by
 
 _KIND, _WIDTH, _HEIGHT, _BITS, _PACKING, _PHOTOMETRIC, _SAMPLES, _SUBS, _FORMAT = (
@@ -99,19 +100,22 @@ class Told:
         """Least count of a full pixel of any plane."""
         return min(self.tags.get(_WHITE) or [1.0 if self.floating else (1 << self.one(_BITS, 16)) - 1.0])
 
-    def black(self) -> Floats:
-        """Counts of no light, float64 [rows, columns, planes] of the active pixels, or what broadcasts to it."""
+    def black(self) -> Singles:
+        """Counts of no light, float32 [rows, columns, planes] of the active pixels, or what broadcasts to it."""
         rows, columns = (int(side) for side in self.tags.get(_REPEAT) or (1, 1))
         planes = self.one(_SAMPLES, 1)
-        levels = np.asarray(self.tags.get(_BLACK) or [0.0] * (rows * columns * planes), np.float64)
+        levels = np.asarray(self.tags.get(_BLACK) or [0.0], np.float32)
         if levels.size == 1:
             levels = np.full(rows * columns * planes, levels[0])
         top, left, bottom, right = self.active
         tall, wide = bottom - top, right - left
         pattern = levels.reshape(rows, columns, planes)
-        black = np.tile(pattern, (-(-tall // rows), -(-wide // columns), 1))[:tall, :wide]
-        down, across = (np.asarray(self.tags.get(tag) or [0.0], np.float64) for tag in (_DOWN, _ACROSS))
-        return np.asarray(black + down[:, None, None] + across[None, :, None])
+        times = (1, 1, 1) if rows == columns == 1 else (-(-tall // rows), -(-wide // columns), 1)
+        black = np.tile(pattern, times)[:tall, :wide]
+        for tag, axes in ((_DOWN, (1, 2)), (_ACROSS, (0, 2))):
+            if tag in self.tags:
+                black = black + np.expand_dims(np.asarray(self.tags[tag], np.float32), axes)
+        return np.asarray(black)
 
 
 def told(path: Path) -> Told | None:
@@ -132,7 +136,10 @@ def told(path: Path) -> Told | None:
         height, width = (int((tags.get(tag) or [0])[0]) for tag in (_HEIGHT, _WIDTH))
         top, left, bottom, right = (int(side) for side in tags.get(_ACTIVE) or (0, 0, height, width))
         raw = Told(place, tags, (top, left, bottom, right))
-        if not (0 <= top < bottom <= height and 0 <= left < right <= width and np.isfinite(raw.black()).all()):
+        repeat = math.prod(int(side) for side in tags.get(_REPEAT) or (1, 1))
+        if not (0 <= top < bottom <= height and 0 <= left < right <= width and height * width <= MOST_PIXELS):
+            raise ValueError
+        if not (0 < repeat * raw.one(_SAMPLES, 1) <= _MOST[_BLACK] and np.isfinite(raw.black()).all()):
             raise ValueError
     packing = raw.one(_PACKING, 1)
     if packing in (_LOSSY_JPEG, _JPEG_XL) or (packing == _JPEG and raw.one(_BITS, 16) <= _JPEG_BITS):
@@ -198,10 +205,10 @@ def as_told(frame: Frame, counted: NDArray[Any], raw: Told, path: Path) -> Frame
     pixels = counted if again is None else again
     black = raw.black()
     most = float(black.max())
-    light = pixels[top:bottom, left:right].astype(np.float64) - black + most
+    light = pixels[top:bottom, left:right].astype(np.float32) - (black - np.float32(most))
     if not np.isfinite(light).all():
         raise SourceError("MF303", f"{path.name} has counts that are not finite", where=str(path), cure=_LINEAR)
-    planes = light.transpose(2, 0, 1).astype(np.float32)
+    planes = light.transpose(2, 0, 1)
     counts = np.ascontiguousarray(planes[0] if len(planes) == 1 else planes)
     pattern = _pattern(raw, path) if frame.pattern is not None and counts.ndim == 2 else None
     read = replace(frame, counts=counts, white=raw.white, pattern=pattern)

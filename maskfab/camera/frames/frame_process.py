@@ -23,13 +23,19 @@ import numpy as np
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.dng import as_told, told
-from maskfab.camera.frames.frame import LEVELS_OF_BYTES, OF_BYTES, PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
+from maskfab.camera.frames.frame import (
+    LEVELS_OF_BYTES,
+    MOST_PIXELS,
+    OF_BYTES,
+    PICTURES,
+    PLANE_COLOURS,
+    Colour,
+    Frame,
+    Pattern,
+)
 from maskfab.mask.formats.tiff import TURN, said_by, shown_alike
 from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message
-
-MOST_PIXELS = 120_000_000
-"""Of a frame; medium format has a hundred million."""
 
 _MEMORY, _MEMORY_PER_BYTE = 4 << 30, 8
 _SECONDS, _BYTES_PER_SECOND = 30, 2_000_000
