@@ -32,13 +32,13 @@ from maskfab.mask.formats.tiff import Tags, damage_told, header, read_directory,
 _KIND, _WIDTH, _HEIGHT, _BITS, _PACKING, _PHOTOMETRIC, _SAMPLES, _SUBS, _FORMAT = (
     254, 256, 257, 258, 259, 262, 277, 330, 339,
 )  # fmt: skip
-_CFA_SIZE, _CFA, _VERSION = 33421, 33422, 50706
+_CFA_SIZE, _CFA, _VERSION, _CFA_LAYOUT = 33421, 33422, 50706, 50711
 _TABLE, _REPEAT, _BLACK, _ACROSS, _DOWN, _WHITE, _ACTIVE = 50712, 50713, 50714, 50715, 50716, 50717, 50829
 _LISTS = (51008, 51009)
 _MOST_ROWS = 1 << 16
 _MOST = MappingProxyType(
     {
-        **dict.fromkeys((_KIND, _WIDTH, _HEIGHT, _PACKING, _PHOTOMETRIC, _SAMPLES), 1),
+        **dict.fromkeys((_KIND, _WIDTH, _HEIGHT, _PACKING, _PHOTOMETRIC, _SAMPLES, _CFA_LAYOUT), 1),
         **dict.fromkeys((_BITS, _FORMAT, _CFA_SIZE, _VERSION, _REPEAT, _ACTIVE, _WHITE), 4),
         **dict.fromkeys((_SUBS, _CFA), 64),
         **dict.fromkeys((_TABLE, _ACROSS, _DOWN, *_LISTS), _MOST_ROWS),
@@ -49,7 +49,8 @@ _MOST = MappingProxyType(
 
 _MOST_DIRECTORIES = 32
 _MOSAIC, _PLANES = 32803, 34892
-_JPEG, _LOSSY_JPEG, _JPEG_XL = 7, 34892, 52546
+_JPEG = 7
+_LOSSY = MappingProxyType({34892: "JPEG", 52546: "JPEG XL"})
 _JPEG_BITS = 8
 _READ_TWICE = (1, 5, 8, 32773, 32946)
 """Packings that libtiff reads, too: none, LZW, Deflate, PackBits."""
@@ -142,8 +143,9 @@ def told(path: Path) -> Told | None:
         if not (0 < repeat * raw.one(_SAMPLES, 1) <= _MOST[_BLACK] and np.isfinite(raw.black()).all()):
             raise ValueError
     packing = raw.one(_PACKING, 1)
-    if packing in (_LOSSY_JPEG, _JPEG_XL) or (packing == _JPEG and raw.one(_BITS, 16) <= _JPEG_BITS):
-        raise SourceError("MF330", f"{path.name} is compressed with loss ({packing})", where=str(path), cure=_LINEAR)
+    if packing in _LOSSY or (packing == _JPEG and raw.one(_BITS, 16) <= _JPEG_BITS):
+        what = f"{path.name} is compressed with loss (Compression = {packing}, {_LOSSY.get(packing, 'JPEG')})"
+        raise SourceError("MF330", what, where=str(path), cure=_LINEAR)
     for name in _tones(tags):
         what = f"{path.name} maps its counts by {name}, an operation of its OpcodeList that is not done here"
         raise SourceError("MF330", what, where=str(path), cure=_LINEAR)
@@ -181,11 +183,12 @@ def _tones(tags: Tags) -> list[str]:
     return names
 
 
-def as_told(frame: Frame, counted: NDArray[Any], raw: Told, path: Path) -> Frame:
+def as_told(frame: Frame, counted: NDArray[Any], corner: tuple[int, int], raw: Told, path: Path) -> Frame:
     """A frame of LibRaw's with the pixels, levels and mosaic that the tags tell.
 
     Args:
         counted: all of LibRaw's counts, [rows, columns] or [rows, columns, planes], masked ones too.
+        corner: row and column of all counts that LibRaw takes for the first that see light.
 
     Raises:
         SourceError: MF308 where pixels or mosaic are read otherwise by LibRaw, or cannot be read a second time.
@@ -210,16 +213,21 @@ def as_told(frame: Frame, counted: NDArray[Any], raw: Told, path: Path) -> Frame
         raise SourceError("MF303", f"{path.name} has counts that are not finite", where=str(path), cure=_LINEAR)
     planes = light.transpose(2, 0, 1)
     counts = np.ascontiguousarray(planes[0] if len(planes) == 1 else planes)
-    pattern = _pattern(raw, path) if frame.pattern is not None and counts.ndim == 2 else None
+    pattern = None if frame.pattern is None else _pattern(raw, path)
+    if pattern is not None:
+        y, x = (at - first for at, first in zip(corner, raw.active, strict=False))
+        there = tuple(tuple(pattern[(y + row) % 2][(x + column) % 2] for column in (0, 1)) for row in (0, 1))
+        if there != frame.pattern:
+            raise _disagree(path, f"the mosaic from row {corner[0]}, column {corner[1]} on", there, frame.pattern)
     read = replace(frame, counts=counts, white=raw.white, pattern=pattern)
     return replace(read, black=(most,) * len(read.lattices))
 
 
 def _pattern(raw: Told, path: Path) -> Pattern:
     """Colours of 2 x 2 pixels from the corner of the active area on, to which they are told."""
-    size, places = raw.tags.get(_CFA_SIZE), raw.tags.get(_CFA) or []
+    size, places, layout = raw.tags.get(_CFA_SIZE), raw.tags.get(_CFA) or [], raw.one(_CFA_LAYOUT, 1)
     named: list[Colour] = [PLANE_COLOURS[int(place)] for place in places if place < len(PLANE_COLOURS)]
-    if size != [2, 2] or sorted(named) != ["B", "G", "G", "R"]:
+    if layout != 1 or size != [2, 2] or sorted(named) != ["B", "G", "G", "R"]:
         what = f"{path.name} tells of a mosaic of {size} pixels, {places}, which LibRaw reads as red, green and blue"
         raise SourceError("MF308", what, where=str(path), cure=_LINEAR)
     one, two, three, four = named

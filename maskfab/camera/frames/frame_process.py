@@ -69,7 +69,11 @@ def raw_frame(path: Path) -> Frame:
                 colour_matrix=matrix if matrix.any() and np.isfinite(matrix).all() else None,
                 **_maker(path, raw.other.iso_speed),
             )
-            return frame if stated is None else as_told(frame, raw.raw_image, stated, path)
+            return (
+                frame
+                if stated is None
+                else as_told(frame, raw.raw_image, (sizes.top_margin, sizes.left_margin), stated, path)
+            )
     except (rawpy.LibRawFileUnsupportedError, rawpy.NotSupportedError) as error:
         what = f"{path.name} is no RAW file that LibRaw knows ({_text(error)})"
         cure = "Convert it to uncompressed DNG, or save it as linear TIFF of 16 bits"

@@ -73,7 +73,8 @@ def overshoot(knots_px: Floats, spread: Floats, noise_of_knot: float) -> Excess:
     bright = float(mean[middle:-ends].max() - mean[-ends:].mean())
     dark = float(mean[:ends].mean() - mean[ends:middle].min())
     noise = noise_of_knot / math.sqrt(block)
-    return Excess("edge_overshoot", (bright + dark) / 2 / abs(rise), noise / abs(rise), _LEAST_OVERSHOOT)
+    share = max(0.0, (bright + dark) / 2 / abs(rise))
+    return Excess("edge_overshoot", share, noise / abs(rise), _LEAST_OVERSHOOT)
 
 
 def above_one(cycles_per_px: Floats, mtf: Floats, low: Floats) -> Excess:

@@ -123,5 +123,7 @@ def test_readers_that_disagree_are_both_told(tmp_path):
     others = PLAIN.astype(np.uint16)
     others[5, 7] += 3
     with pytest.raises(SourceError, match=f"row 5, column 7: {PLAIN[5, 7]:.0f} .* {others[5, 7]} by LibRaw") as caught:
-        as_told(frame, others, told(path), path)
+        as_told(frame, others, (0, 0), told(path), path)
     assert caught.value.code == "MF308"
+    with pytest.raises(SourceError, match="mosaic from row 1"):
+        as_told(frame, PLAIN, (1, 0), told(path), path)
