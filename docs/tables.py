@@ -175,7 +175,7 @@ def _devices() -> Iterator[str]:
                     )
                     if number is not None
                 ),
-                device.unpublished,
+                ", ".join(device.missing),
                 f"{device.source} Read on {device.day}.",
             )
             for name, device in devices().items()

@@ -204,7 +204,7 @@ def _of_device(folder: Path, name: str, camera: str | None) -> Begun:
     device, place = devices()[name], check_target(folder, force=False)
     text = job_text(snapped(Brief.of({"device": name, "camera": camera})))
     told = [device.title, f"Published, read on {device.day}: {device.source}"]
-    told += [f"Not published: {device.unpublished}."]
+    told += [f"Not published: {', '.join(device.missing)}."]
     told += ["What this job states of these is an answer or a default, no fact of the device."]
     with staged(place) as made:
         (made / JOB).write_text("".join(f"# {line}\n" for line in told) + text, encoding="utf-8")

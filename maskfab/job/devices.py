@@ -18,14 +18,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.units import parse_length_um
 from maskfab.job.values import Length, Section
 
-_NEEDED: Mapping[str, str] = MappingProxyType(
-    {
-        "dpi": "density of the display over the camera",
-        "focal": "focal length",
-        "f_number": "f-number",
-        "pixel": "camera's pixel",
-    }
-)
+_NEEDED = {"dpi": "density over the camera", "focal": "focal length", "f_number": "f-number", "pixel": "camera's pixel"}
 _ALSO = (
     "what is clear of a display's pixel",
     "its circuits and lines",
@@ -52,13 +45,8 @@ class Device(Section):
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Numbers that a job needs and no page tells, in words."""
-        return tuple(words for key, words in _NEEDED.items() if getattr(self, key) is None)
-
-    @property
-    def unpublished(self) -> str:
-        """Everything that no page tells, in words."""
-        return ", ".join([*self.missing, *_ALSO])
+        """Everything that no page tells, in words: what a job needs, and what would make it better."""
+        return (*(words for key, words in _NEEDED.items() if getattr(self, key) is None), *_ALSO)
 
 
 @cache
@@ -84,33 +72,22 @@ def of_device(answers: Mapping[str, object]) -> dict[str, object]:
         cure = f"{f'Did you mean {near[0]!r}? ' if near else ''}The list: {', '.join(devices())}"
         raise JobError("MF105", f"there is no device {name!r}", where="answers: device", cure=cure)
     device = devices()[name]
-    if not stated.keys() & {"dpi", "pitch"}:
-        if device.dpi is None:
-            raise _unpublished(device, name, "dpi", "Answer pitch, too, such as pitch = '200 dpi'")
+    if device.dpi is not None and not stated.keys() & {"dpi", "pitch"}:
         stated["dpi"] = f"{device.dpi:g} dpi"
-    focal = device.focal if "camera" not in stated else _length(stated["camera"])
-    if "camera" in stated and focal is None:
-        return stated
-    known: dict[str, float | None] = {"focal": focal, "f_number": device.f_number, "pixel": device.pixel}
-    absent = [key for key, value in known.items() if value is None]
+    focal = device.focal
+    if "camera" in stated:
+        try:
+            focal = parse_length_um(str(stated["camera"]))
+        except JobError:  # which is all of its numbers, or a name of the list of cameras
+            return stated
+    lens = {"focal": focal, "f_number": device.f_number, "pixel": device.pixel}
+    absent = [key for key, value in lens.items() if value is None]
     if absent:
-        shown = f"{'2.4 mm' if focal is None else f'{focal:g} um'}"
-        shown = f"{shown} f/{device.f_number or 2:g} {device.pixel or 1.12:g} um" if absent != ["focal"] else shown
-        raise _unpublished(device, name, absent[0], f"Answer camera, too, such as camera = '{shown}'", absent)
-    lengths = {key: f"{known[key]:.10g} um" for key in ("focal", "pixel")}
+        known = "2.4 mm" if focal is None else f"{focal:g} um"
+        rest = "" if absent == ["focal"] else f" f/{device.f_number or 2:g} {device.pixel or 1.12:g} um"
+        what = f"no page tells the {' and '.join(_NEEDED[key] for key in absent)} of {device.title}"
+        cure = f"Answer camera, too, such as camera = '{known}{rest}'"
+        raise JobError("MF105", what, where=f"answers: device = {name}", cure=cure)
+    lengths = {"focal": f"{focal:.10g} um", "pixel": f"{device.pixel:.10g} um"}
     stated["camera"] = {"title": device.title, "source": device.source, "f_number": device.f_number, **lengths}
     return stated
-
-
-def _length(value: object) -> float | None:
-    """A focal length in micrometres, if that is all that is answered."""
-    try:
-        return parse_length_um(str(value), where="answers: camera")
-    except JobError:
-        return None
-
-
-def _unpublished(device: Device, name: str, key: str, cure: str, keys: list[str] | None = None) -> JobError:
-    words = " and ".join(_NEEDED[each] for each in keys or [key])
-    what = f"no page tells the {words} of {device.title}"
-    return JobError("MF105", what, where=f"answers: device = {name}", cure=cure)

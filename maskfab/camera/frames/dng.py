@@ -13,9 +13,7 @@ less its own, so that one black holds for all and every share of white is the sp
 from __future__ import annotations
 
 import math
-import shutil
 import struct
-import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -27,7 +25,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.frame import MOST_PIXELS, PLANE_COLOURS, Colour, Frame, Pattern
-from maskfab.mask.formats.tiff import Tags, damage_told, header, read_directory, said_by
+from maskfab.mask.formats.tiff import Tags, copied, damage_told, header, read_directory, said_by
 
 _KIND, _WIDTH, _HEIGHT, _BITS, _PACKING, _PHOTOMETRIC, _SAMPLES, _SUBS, _FORMAT = (
     254, 256, 257, 258, 259, 262, 277, 330, 339,
@@ -240,13 +238,10 @@ def _again(path: Path, raw: Told) -> NDArray[Any] | None:
 
     if raw.one(_PACKING, 1) not in _READ_TWICE:
         return None
-    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside, path.open("rb") as source:
-        order, big, _ = header(source.read(16))
-        copy = Path(aside) / "copy.tif"
-        shutil.copyfile(path, copy)
-        with copy.open("r+b") as file:  # so that its raw picture is the first, which alone is seen
-            file.seek(8 if big else 4)
-            file.write(struct.pack(order + ("Q" if big else "I"), raw.start))
+    with path.open("rb") as file:
+        order, big, _ = header(file.read(16))
+    first = struct.pack(order + ("Q" if big else "I"), raw.start)  # the first picture alone is seen
+    with copied(path, 8 if big else 4, first) as copy:
         image = oiio.ImageInput.open(str(copy))
         if image is None:
             said_by(oiio)

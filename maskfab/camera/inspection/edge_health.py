@@ -19,6 +19,7 @@ import numpy as np
 
 from maskfab.base.arrays import Complexes, Floats, Mask
 from maskfab.base.model import Quantity
+from maskfab.camera.inspection.edge_regions import FEWEST_LINES
 
 _SURE = 5.0
 """Standard deviations beyond which noise explains nothing, of some hundred places at most."""
@@ -103,34 +104,24 @@ def asymmetry(cycles_per_px: Floats, transfer: Complexes, deviation: Floats) -> 
     return Excess("edge_asymmetry", float(rest[at]), float(noise[at]), _LEAST)
 
 
-def uneven_light(values: Floats, distance_px: Floats, used: Mask, across: float, near_px: float) -> Excess:
+def uneven_light(values: Floats, bright: Mask, across: float) -> Excess:
     """Share by which the light changes over the region, along the edge or across it, whichever is more.
 
     Args:
+        bright: samples of the bright field, [lines, samples].
         across: by which it changes across the edge.
-        near_px: within which the edge spread itself changes.
     """
-    field = used & (abs(distance_px) > near_px) & (distance_px * _sign(values, distance_px, used) > 0)
-    counts = field.sum(axis=1)
+    counts = bright.sum(axis=1)
     lines = np.flatnonzero(counts)
-    if lines.size < 3:
-        return Excess("edge_light_change", abs(across), 0.0, _MOST_UNEVEN)
-    mean = np.where(field, values, 0.0).sum(axis=1)[lines] / counts[lines]
-    scaled = np.linspace(-1, 1, len(values))[lines]
-    fit = np.polynomial.Polynomial.fit(scaled, mean, 2, domain=(-1, 1), window=(-1, 1), w=np.sqrt(counts[lines]))
-    ends = fit(scaled)
-    level = float(mean.mean())
-    noise = float(np.std(mean - ends)) * math.sqrt(9 / lines.size)  # of the end of a parabola
-    along = float(np.ptp(ends)) / level
-    if along > abs(across):
-        return Excess("edge_light_change", along, noise / level, _MOST_UNEVEN)
-    return Excess("edge_light_change", abs(across), 0.0, _MOST_UNEVEN)
-
-
-def _sign(values: Floats, distance_px: Floats, used: Mask) -> float:
-    """1 where the light grows with the distance, -1 where it falls."""
-    left, right = (values[used & (side * distance_px > 0)].mean() for side in (-1, 1))
-    return 1.0 if right > left else -1.0
+    along, noise = 0.0, 0.0
+    if lines.size >= FEWEST_LINES:
+        mean = np.where(bright, values, 0.0).sum(axis=1)[lines] / counts[lines]
+        fit = np.polynomial.Polynomial.fit(lines, mean, 2, w=np.sqrt(counts[lines]))(lines)
+        along = float(np.ptp(fit) / mean.mean())
+        noise = 3 / math.sqrt(lines.size) * float(np.std(mean - fit) / mean.mean())  # of the end of a parabola
+    if along < abs(across):
+        along, noise = abs(across), 0.0
+    return Excess("edge_light_change", along, noise, _MOST_UNEVEN)
 
 
 _CAUSES = {

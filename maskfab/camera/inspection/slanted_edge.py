@@ -386,11 +386,12 @@ def edge_mtf(
     half = settled_px(sums, spread, noise, int(np.count_nonzero(used)))
     mtf, low, high, unlike = mtf_with_band(sums, spread, FREQUENCIES, half, seed)
     of_knot = noise / math.sqrt(max(1.0, float(np.median(sums.diagonal.sum(axis=0)) * 1.5)))
+    bright = distance * np.sign(spread[-1] - spread[0]) > min(half, reach / 2)
     excesses = (
         overshoot(sums.knots_px, spread, of_knot),
         above_one(FREQUENCIES, mtf, low),
         unlike,
-        uneven_light(seen.values, distance, used, 2 * uneven * reach, min(half, reach / 2)),
+        uneven_light(seen.values, used & bright, 2 * uneven * reach),
     )
     slope = float(np.mean(line.slopes(seen.numbers)))
     angle = math.degrees(math.atan(slope))

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,23 +33,8 @@ def said_by(library: Any) -> str:
 
 _BITS, _PHOTOMETRIC, _SAMPLES, _COLOUR_MAP, _SAMPLE_FORMAT = 258, 262, 277, 320, 339
 _MOST_VALUES = {_BITS: 16, _PHOTOMETRIC: 16, _SAMPLES: 16, _COLOUR_MAP: 3 << 8, _SAMPLE_FORMAT: 16}
-_SHORT = 3
-_RATIONALS = (5, 10)
-_CODES = {
-    1: "B",
-    _SHORT: "H",
-    4: "I",
-    5: "2I",
-    6: "b",
-    8: "h",
-    9: "i",
-    10: "2i",
-    11: "f",
-    12: "d",
-    13: "I",
-    16: "Q",
-    18: "Q",
-}
+_CODES = {3: "H", 4: "I", 5: "2I", 6: "b", 8: "h", 9: "i", 10: "2i", 11: "f", 12: "d", 13: "I", 16: "Q", 18: "Q"}
+"""Types of numbers, as of :mod:`struct`; others are taken for bytes. Fractions have two."""
 _BIG = 43
 _LEAST_SAMPLES = {0: 1, 1: 1, 2: 3, 3: 1}
 """Samples per pixel of the interpretations in which white is known: white or black is 0, RGB, a palette."""
@@ -87,32 +72,34 @@ def shown_alike(path: Path) -> Iterator[Shown]:
         SourceError: MF303 if its first directory cannot be read, MF318 if it does not say what is white, or so that
             readers differ.
     """
-    directory = first_directory(path)
-    _check_tone(path, directory.values)
-    turned = directory.values[_PHOTOMETRIC] == [_ZERO_IS_WHITE] and _bits(directory.values) > _TURNED_BITS
-    start, count = directory.shorts.get(_COLOUR_MAP, (0, 0))
-    entries = directory.values.get(_COLOUR_MAP, [])[:count]
-    stretched = (
-        directory.values[_PHOTOMETRIC] == [_PALETTE] and any(entries) and not any(int(entry) & 255 for entry in entries)
-    )
-    if not (turned or stretched):
-        yield Shown(path)
-        return
-    if turned:
-        (start, code), entries = directory.rows[_PHOTOMETRIC], [_ZERO_IS_BLACK]
+    with damage_told(path), path.open("rb") as file:
+        directory = read_directory(file, header(file.read(16))[2], _MOST_VALUES)
+    tags = directory.values
+    _check_tone(path, tags)
+    if turned := tags[_PHOTOMETRIC] == [_ZERO_IS_WHITE] and max(tags.get(_BITS) or [1]) > _TURNED_BITS:
+        tag, numbers = _PHOTOMETRIC, [_ZERO_IS_BLACK]
     else:
-        code, entries = "H", [int(entry) | int(entry) >> 8 for entry in entries]
+        tag, numbers = _COLOUR_MAP, [int(entry) for entry in tags.get(_COLOUR_MAP, [])]
+        place = directory.places.get(tag)
+        if tags[_PHOTOMETRIC] != [_PALETTE] or place is None or not any(numbers) or any(each & 255 for each in numbers):
+            yield Shown(path)
+            return
+        numbers = [entry | entry >> 8 for entry in numbers[: place.many]]
+    start, code, _ = directory.places[tag]
+    with copied(path, start, struct.pack(f"{directory.order}{len(numbers)}{code}", *numbers)) as copy:
+        yield Shown(copy, turned)
+
+
+@contextmanager
+def copied(path: Path, start: int, content: bytes) -> Iterator[Path]:
+    """A copy of a file in which other content stands at one place, until one is done with it."""
     with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
         copy = Path(aside) / f"copy{path.suffix}"
         shutil.copyfile(path, copy)
         with copy.open("r+b") as file:
             file.seek(start)
-            file.write(struct.pack(f"{directory.order}{len(entries)}{code}", *entries))
-        yield Shown(copy, turned)
-
-
-def _bits(tags: Tags) -> float:
-    return max(tags.get(_BITS) or [1])
+            file.write(content)
+        yield copy
 
 
 def _check_tone(path: Path, tags: Tags) -> None:
@@ -141,30 +128,22 @@ Tags: TypeAlias = Mapping[int, list[float]]
 """Numbers by tag, whole ones as int, of fractions their quotients; of a tag that is there twice those of both."""
 
 
+class Place(NamedTuple):
+    """Where in a file the first numbers of a tag stand, as of which code of :mod:`struct`, and how many."""
+
+    start: int
+    code: str
+    many: int
+
+
 @dataclass(frozen=True)
 class Directory:
-    """The tags of a directory that matter.
-
-    Attributes:
-        order: of bytes, as of :mod:`struct`.
-        shorts: where in the file the first numbers of a tag stand that have no room in its row, and how many they are,
-            if they are of two bytes each.
-        rows: where in the file the numbers of a tag stand that has room for them in its row, and their code in
-            :mod:`struct`.
-        next: where in the file the next directory stands; 0 after the last.
-    """
+    """The tags of a directory that matter, in which order of bytes, and where the next one stands; 0 after the last."""
 
     order: str
     values: Tags
-    shorts: Mapping[int, tuple[int, int]]
-    rows: Mapping[int, tuple[int, str]]
+    places: Mapping[int, Place]
     next: int
-
-
-def first_directory(path: Path) -> Directory:
-    """The first directory of a TIFF, as far as it says what is white; MF303 if it cannot be read."""
-    with damage_told(path), path.open("rb") as file:
-        return read_directory(file, header(file.read(16))[2], _MOST_VALUES)
 
 
 @contextmanager
@@ -184,38 +163,31 @@ def read_directory(file: BinaryIO, start: int, most_values: Mapping[int, int]) -
         struct.error, OSError, ValueError, OverflowError, IndexError, ZeroDivisionError: for a damaged one.
     """
     values: dict[int, list[float]] = {}
-    shorts: dict[int, tuple[int, int]] = {}
-    rows: dict[int, tuple[int, str]] = {}
+    places: dict[int, Place] = {}
     file.seek(0)
     order, big, _ = header(file.read(16))
     file.seek(start)
-    count_code, entry, room = ("Q", 20, 8) if big else ("H", 12, 4)
-    place_code = order + ("Q" if big else "I")
+    count_code, entry, room, word = ("Q", 20, 8, order + "Q") if big else ("H", 12, 4, order + "I")
     (count,) = struct.unpack(order + count_code, file.read(struct.calcsize(count_code)))
     # One by one, for a damaged count may be any number.
     for _ in range(count):
-        row = file.read(entry)
-        tag, kind, many = struct.unpack(order + "HH" + place_code[1], row[:-room])
+        row, end = file.read(entry), file.tell()
+        tag, kind, many = struct.unpack(order + "HH" + word[1], row[:-room])
         if tag not in most_values:
             continue
-        end = file.tell()
         code = _CODES.get(kind, "B")
-        size = struct.calcsize(order + code) * min(many, most_values[tag])
-        held = row[-room:][:size]
-        rows.setdefault(tag, (end - room, code))
-        if size > room:
-            (place,) = struct.unpack(place_code, row[-room:])
-            file.seek(place)
-            held = file.read(size)
-            file.seek(end)
-            if kind == _SHORT:
-                shorts.setdefault(tag, (place, size // 2))
-        numbers = struct.unpack(f"{order}{size // struct.calcsize(order + code) * int(code[:-1] or 1)}{code[-1]}", held)
-        if kind in _RATIONALS:
+        many = min(many, most_values[tag])
+        size = struct.calcsize(order + code) * many
+        place = end - room if size <= room else struct.unpack(word, row[-room:])[0]
+        file.seek(place)
+        numbers = struct.unpack(f"{order}{many * int(code[:-1] or 1)}{code[-1]}", file.read(size))
+        file.seek(end)
+        if len(code) > 1:
             numbers = tuple(up / down for up, down in zip(numbers[::2], numbers[1::2], strict=True))
+        places.setdefault(tag, Place(place, code, many))
         values.setdefault(tag, []).extend(numbers)
     after = file.read(room)
-    return Directory(order, values, shorts, rows, struct.unpack(place_code, after)[0] if len(after) == room else 0)
+    return Directory(order, values, places, struct.unpack(word, after)[0] if len(after) == room else 0)
 
 
 def header(start: bytes) -> tuple[str, bool, int]:
