@@ -352,6 +352,8 @@ def edge(
 ) -> EdgeMeasurement:
     """Measure the presampled MTF across the slanted edges of a picture, and hold it against a die's.
 
+    An edge that was sharpened, tone-curved or unevenly lit fails (exit code 1) and tells no MTF50.
+
     Or hold an MTF that was measured elsewhere against a die's: a table (.csv) in place of the picture.
 
     Examples:

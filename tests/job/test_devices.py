@@ -26,6 +26,7 @@ def test_every_number_has_its_page_and_the_day_on_which_it_was_read(name):
     assert "https://" in device.source
     assert device.dpi is not None
     assert {"focal length"} <= set(device.missing)
+    assert name in str(mf.new.__doc__)
 
 
 def test_a_device_answers_its_pitch_and_its_camera():

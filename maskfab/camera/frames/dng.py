@@ -33,13 +33,13 @@ _KIND, _WIDTH, _HEIGHT, _BITS, _PACKING, _PHOTOMETRIC, _SAMPLES, _SUBS, _FORMAT 
 _CFA_SIZE, _CFA, _VERSION, _CFA_LAYOUT = 33421, 33422, 50706, 50711
 _TABLE, _REPEAT, _BLACK, _ACROSS, _DOWN, _WHITE, _ACTIVE = 50712, 50713, 50714, 50715, 50716, 50717, 50829
 _LISTS = (51008, 51009)
-_MOST_ROWS = 1 << 16
 _MOST = MappingProxyType(
     {
         **dict.fromkeys((_KIND, _WIDTH, _HEIGHT, _PACKING, _PHOTOMETRIC, _SAMPLES, _CFA_LAYOUT), 1),
         **dict.fromkeys((_BITS, _FORMAT, _CFA_SIZE, _VERSION, _REPEAT, _ACTIVE, _WHITE), 4),
         **dict.fromkeys((_SUBS, _CFA), 64),
-        **dict.fromkeys((_TABLE, _ACROSS, _DOWN, *_LISTS), _MOST_ROWS),
+        **dict.fromkeys((_TABLE, _ACROSS, _DOWN), 1 << 16),
+        **dict.fromkeys(_LISTS, 1 << 20),
         _BLACK: 1 << 12,
     }
 )
@@ -96,8 +96,8 @@ class Told:
 
     @property
     def white(self) -> float:
-        """Least count of a full pixel of any plane."""
-        return min(self.tags.get(_WHITE) or [1.0 if self.floating else (1 << self.one(_BITS, 16)) - 1.0])
+        """Count of a full pixel."""
+        return float(self.one(_WHITE, 1 if self.floating else (1 << self.one(_BITS, 16)) - 1))
 
     def black(self) -> Singles:
         """Counts of no light, float32 [rows, columns, planes] of the active pixels, or what broadcasts to it."""
@@ -121,7 +121,7 @@ def told(path: Path) -> Told | None:
     """The raw picture of a DNG as its tags tell; None of another file.
 
     Raises:
-        SourceError: MF303 for damaged tags, MF330 for compression with loss or a tone that LibRaw leaves out.
+        SourceError: MF303 for damaged tags, MF308 for planes of unlike white, MF330 for compression with loss or a tone that LibRaw leaves out.
     """
     with path.open("rb") as file:
         start = file.read(16)
@@ -144,6 +144,11 @@ def told(path: Path) -> Told | None:
     if packing in _LOSSY or (packing == _JPEG and raw.one(_BITS, 16) <= _JPEG_BITS):
         what = f"{path.name} is compressed with loss (Compression = {packing}, {_LOSSY.get(packing, 'JPEG')})"
         raise SourceError("MF330", what, where=str(path), cure=_LINEAR)
+    if len(whites := set(tags.get(_WHITE, []))) > 1:
+        what = (
+            f"{path.name} has a white of its own in each plane: {', '.join(f'{white:g}' for white in sorted(whites))}"
+        )
+        raise SourceError("MF308", what, where=str(path), cure=_LINEAR)
     for name in _tones(tags):
         what = f"{path.name} maps its counts by {name}, an operation of its OpcodeList that is not done here"
         raise SourceError("MF330", what, where=str(path), cure=_LINEAR)
@@ -205,8 +210,8 @@ def as_told(frame: Frame, counted: NDArray[Any], corner: tuple[int, int], raw: T
     top, left, bottom, right = raw.active
     pixels = counted if again is None else again
     black = raw.black()
-    most = float(black.max())
-    light = pixels[top:bottom, left:right].astype(np.float32) - (black - np.float32(most))
+    most = black.max(axis=(0, 1))  # of each plane; a mosaic is one
+    light = pixels[top:bottom, left:right].astype(np.float32) - (black - most)
     if not np.isfinite(light).all():
         raise SourceError("MF303", f"{path.name} has counts that are not finite", where=str(path), cure=_LINEAR)
     planes = light.transpose(2, 0, 1)
@@ -218,7 +223,8 @@ def as_told(frame: Frame, counted: NDArray[Any], corner: tuple[int, int], raw: T
         if there != frame.pattern:
             raise _disagree(path, f"the mosaic from row {corner[0]}, column {corner[1]} on", there, frame.pattern)
     read = replace(frame, counts=counts, white=raw.white, pattern=pattern)
-    return replace(read, black=(most,) * len(read.lattices))
+    levels = most.tolist()
+    return replace(read, black=tuple(levels if len(levels) == len(read.lattices) else levels * len(read.lattices)))
 
 
 def _pattern(raw: Told, path: Path) -> Pattern:
