@@ -121,7 +121,8 @@ def told(path: Path) -> Told | None:
     """The raw picture of a DNG as its tags tell; None of another file.
 
     Raises:
-        SourceError: MF303 for damaged tags, MF308 for planes of unlike white, MF330 for compression with loss or a tone that LibRaw leaves out.
+        SourceError: MF303 for damaged tags, MF308 for planes of unlike white, MF330 for compression with loss or a tone
+            that LibRaw leaves out.
     """
     with path.open("rb") as file:
         start = file.read(16)
