@@ -18,6 +18,7 @@ from maskfab.cli.command import Parameter, command_of, summary_of
 from maskfab.cli.program import GROUPS
 from maskfab.designs.rules.constraints import RULES
 from maskfab.job.brief import modules, questions
+from maskfab.job.devices import devices
 from maskfab.job.reference import keys_of, tables
 from maskfab.mask.emitter_layouts import DISPLAYS
 from maskfab.report.documents.display import check_schema
@@ -157,6 +158,31 @@ def _cameras() -> Iterator[str]:
     )
 
 
+def _devices() -> Iterator[str]:
+    yield from _table(
+        ("name", "device", "published", "not published", "sources, read on"),
+        (
+            (
+                f"`{name}`",
+                device.title,
+                ", ".join(
+                    text
+                    for number, text in (
+                        (device.dpi, f"{device.dpi} dpi over the camera"),
+                        (device.f_number, f"f/{device.f_number}"),
+                        (device.pixel, f"pixel {device.pixel} µm"),
+                        (device.field_deg, f"field {device.field_deg}°"),
+                    )
+                    if number is not None
+                ),
+                ", ".join(device.missing),
+                f"{device.source} Read on {device.day}.",
+            )
+            for name, device in devices().items()
+        ),
+    )
+
+
 def _shapes() -> Iterator[str]:
     """Lengths of every display that ``new --shape`` draws, with the meaning that its layout states."""
     rows = []
@@ -202,6 +228,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "rooms": _rooms,
     "questions": _questions,
     "cameras": _cameras,
+    "devices": _devices,
     "shapes": _shapes,
 }
 

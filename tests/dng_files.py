@@ -13,8 +13,24 @@ _NEUTRAL = (1, 2, 1, 1, 2, 3)
 _TO_CAMERA = (0.9, -0.2, -0.1, -0.3, 1.2, 0.1, 0.0, 0.2, 0.6)
 
 
-def write_dng(path, counts, *, time=Fraction(1, 250), black=64, white=4095, mosaic="rggb", iso=100, model="Cam"):
-    """Write counts [rows, columns]; black is one number, or four for the mosaic's places row by row."""
+def write_dng(
+    path,
+    counts,
+    *,
+    time=Fraction(1, 250),
+    black=64,
+    white=4095,
+    mosaic="rggb",
+    iso=100,
+    model="Cam",
+    extra=(),
+    kind=np.uint16,
+):
+    """Write counts [rows, columns]; black is one number, or four for the mosaic's places row by row.
+
+    Args:
+        extra: further tags of tifffile, in place of those of the same number.
+    """
     levels = (black,) if isinstance(black, int) else tuple(black)
     time = Fraction(time)
     tags = [
@@ -31,6 +47,8 @@ def write_dng(path, counts, *, time=Fraction(1, 250), black=64, white=4095, mosa
         (50721, SIGNED_RATIONAL, 9, tuple(n for each in _TO_CAMERA for n in (round(each * 10), 10)), True),
         (50728, RATIONAL, 3, _NEUTRAL, True),
     ]
+    given = {tag[0]: tag for tag in (*tags, *extra)}
+    tags = [given[number] for number in sorted(given)]
     tifffile.imwrite(
-        path, np.asarray(counts, dtype=np.uint16), photometric=32803, extratags=tags, metadata=None, software=False
+        path, np.asarray(counts, dtype=kind), photometric=32803, extratags=tags, metadata=None, software=False
     )

@@ -90,10 +90,12 @@ def advise(
         $ maskfab advise layouts/display_that_fits.toml -o answer
         $ maskfab advise job.toml -o answer --budget '5 min'
         $ maskfab advise -o answer --set pitch='400 dpi' --set camera=phone_main --set lux='200 lux'
+        $ maskfab advise -o answer --set device=galaxy_z_fold_3 --set camera='2.4 mm'
 
     Args:
         job: job file (.toml) with [design], [emitters] and [plate]; in Python also a loaded job.
         answers: answer about the display and its camera, in place of a job, such as ``lines``; the rest has defaults.
+            ``device`` answers what was published of one, as :func:`maskfab.new` lists them.
         budget: time from the call on, such as ``"5 min"``; more finds better openings, proves bounds and tries more; by
             default 60 s, or as long as the first openings and their photographs take where the machine is slow.
         images: folder of photographs to design for; by default synthetic scenes.

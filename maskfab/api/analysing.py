@@ -110,8 +110,8 @@ def analyse(
         $ maskfab analyse bar.toml --camera '{ stop = { diameter = "1 mm" } }' --scene '{ gap = "0.5 mm" }'
 
     Args:
-        subject: an opening (.toml .txt .png .tif .exr .npy) or a mask (.gds .oas .dxf). In Python also an Opening, a
-            Panel, or an array of an opening with its pitch.
+        subject: an opening (.toml .txt .csv .png .tif .exr .npy) or a mask (.gds .oas .dxf). In Python also an Opening,
+            a Panel, or an array of an opening with its pitch.
         camera: table of the camera that looks through it, such as ``{ focal = "5 mm", stop = { diameter = "3 mm" } }``;
             by default that of protocol F1.
         pitch: side of a cell, such as ``"168 um"`` or ``"150 dpi"``, where the file does not state it.

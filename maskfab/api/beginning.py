@@ -33,14 +33,21 @@ _LAYOUTS = "layouts"
 
 @dataclass(frozen=True)
 class Begun(Result):
-    """A folder with a job and everything that it names."""
+    """A folder with a job and everything that it names.
+
+    designed: whether everything is there; else ``design`` is to find the opening first.
+    """
 
     job: Path
     files: tuple[Path, ...]
+    designed: bool = True
 
     def __str__(self) -> str:
         named = "\n".join(str(path) for path in self.files)
-        return f"{named}\nNext: maskfab check {self.job}, then maskfab run {self.job} --out {self.job.parent / 'plate'}"
+        first = "check" if self.designed else "design"
+        return (
+            f"{named}\nNext: maskfab {first} {self.job}, then maskfab run {self.job} --out {self.job.parent / 'plate'}"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The paths."""
@@ -96,6 +103,7 @@ def new(
     aspect: float | None = None,
     exponent: float | None = None,
     lengths: Annotated[Mapping[str, int] | None, "--length KEY=DOTS"] = None,
+    camera: str | None = None,
     name: str | None = None,
     command: InPython[str | None] = None,
     force: bool = False,
@@ -107,12 +115,14 @@ def new(
     Examples:
         $ maskfab new mine
         $ maskfab new mine --from display_that_fits
+        $ maskfab new mine --from galaxy_z_fold_3 --camera '2.4 mm'
         $ maskfab new s.toml --shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90
         $ maskfab new ring.toml --shape circular --length diameter=18
 
     Args:
         place: folder to make, new or empty; with shape the file for the opening.
-        source: a shipped job, such as upc12 or display_that_fits; by default first_plate.
+        source: a shipped job, such as upc12 or display_that_fits; by default first_plate. Or a device with a camera
+            behind its display, by what was published of it: galaxy_z_fold_3, galaxy_z_fold_4, axon_20, axon_30, mix_4.
         shape: kind of opening: stripe, blobs or diamond-discs; with emitters rgb-stripe, pentile-diamond,
             pentile-lines, delta, circular or window.
         dots: dots along the side of a cell; by default 21, or a display's own, or near it where they make the pitch.
@@ -124,6 +134,8 @@ def new(
         aspect: aspect ratio of blobs, length over width; by default 1.25.
         exponent: superellipse exponent of blobs: 2 is an ellipse, larger is squarer; by default 4.
         lengths: length of a display, in dots; its keys stand in the manual, and in the answer to a wrong one.
+        camera: of a device what was not published: the focal length, such as ``"2.4 mm"``, or all three numbers, such
+            as ``"2.4 mm f/1.8 2 um"``.
         name: name of the opening; by default the file's stem.
         command: what reproduces an opening, for its provenance; by default this call.
         force: replace an existing file of an opening.
@@ -138,7 +150,9 @@ def new(
     drawn = {"dots": dots, "pitch": pitch, "clear_dots": clear_dots, "lengths": lengths, "name": name, "force": force}
     require_form("shape", {**drawn, **sizes}, of=shape is not None)
     if shape is None:
-        return _job(Path(place), FIRST if source is None else source)
+        return _job(Path(place), FIRST if source is None else source, camera)
+    if camera is not None:
+        raise JobError("MF105", "a shape has no camera", where="camera", cure="Leave camera out")
     if source is not None:
         raise JobError("MF105", "a shape is drawn from numbers", where="source", cure="Leave source out, or shape")
     from maskfab.api.opening import Opening
@@ -162,10 +176,12 @@ def new(
     return Drawn(target, opening, 1 if display is None else display.pixels_across)
 
 
-def _job(folder: Path, source: str) -> Begun:
+def _job(folder: Path, source: str, camera: str | None) -> Begun:
     if source not in templates():
-        cure = f"Begin with {', '.join(templates())}"
-        raise JobError("MF105", f"there is no shipped job {source!r}", where="source", cure=cure)
+        return _of_device(folder, source, camera)
+    if camera is not None:
+        cure = "Leave camera out, and change [camera] in the job"
+        raise JobError("MF105", f"the shipped job {source} states its camera", where="camera", cure=cure)
     place, layouts = check_target(folder, force=False), resources.path(_LAYOUTS)
     text = (layouts / f"{source}.toml").read_text(encoding="utf-8")
     named = sorted({name for name in _texts(tomllib.loads(text)) if name and (layouts / name).is_file()})
@@ -175,6 +191,24 @@ def _job(folder: Path, source: str) -> Begun:
             (made / name).parent.mkdir(parents=True, exist_ok=True)
             (made / name).write_bytes((layouts / name).read_bytes())
     return Begun(folder / JOB, tuple(folder / name for name in (JOB, *named)))
+
+
+def _of_device(folder: Path, name: str, camera: str | None) -> Begun:
+    """A folder with the job of a device's published numbers, which says what was not published."""
+    from maskfab.job.brief import Brief, job_text, snapped
+    from maskfab.job.devices import devices
+
+    if name not in devices():
+        cure = f"Begin with {', '.join(templates())}; or with a device: {', '.join(devices())}"
+        raise JobError("MF105", f"there is no shipped job {name!r}", where="source", cure=cure)
+    device, place = devices()[name], check_target(folder, force=False)
+    text = job_text(snapped(Brief.of({"device": name, "camera": camera})))
+    told = [device.title, f"Published, read on {device.day}: {device.source}"]
+    told += [f"Not published: {', '.join(device.missing)}."]
+    told += ["What this job states of these is an answer or a default, no fact of the device."]
+    with staged(place) as made:
+        (made / JOB).write_text("".join(f"# {line}\n" for line in told) + text, encoding="utf-8")
+    return Begun(folder / JOB, (folder / JOB,), designed=False)
 
 
 def _texts(value: object) -> Iterator[str]:

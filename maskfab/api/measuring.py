@@ -299,6 +299,11 @@ class EdgeMeasurement(FolderResult):
     notes: tuple[str, ...] = ()
 
     @property
+    def passed(self) -> bool:
+        """Whether every edge is one that light made: not sharpened, linear, evenly lit."""
+        return all(row.passed is not False for edge in self.found.edges for row in edge.quantities)
+
+    @property
     def edges(self) -> tuple[Quantities, ...]:
         """The numbers of every edge."""
         return tuple(Quantities(edge.quantities) for edge in self.found.edges)
@@ -346,6 +351,8 @@ def edge(
     angle: float | None = None,
 ) -> EdgeMeasurement:
     """Measure the presampled MTF across the slanted edges of a picture, and hold it against a die's.
+
+    An edge that was sharpened, tone-curved or unevenly lit fails (exit code 1) and tells no MTF50.
 
     Or hold an MTF that was measured elsewhere against a die's: a table (.csv) in place of the picture.
 

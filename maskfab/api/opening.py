@@ -291,7 +291,7 @@ def read_opening(
     cell: str | None = None,
     name: str | None = None,
 ) -> Opening:
-    """An opening from a file (.toml .txt .png .tif .exr .npy .gds .oas .dxf) or an array.
+    """An opening from a file (.toml .txt .csv .png .tif .exr .npy .gds .oas .dxf) or an array.
 
     Args:
         source: path or array; images are clear where they are bright, one pixel for each dot.

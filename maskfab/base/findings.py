@@ -346,7 +346,11 @@ FINDINGS: tuple[Finding, ...] = (
         ),
     ),
     Finding("captures", (Need.PANEL, Need.CAMERA, Need.CAPTURES), rows="captured_* measurement_left_out"),
-    Finding("edge", (Need.CAMERA, Need.CAPTURES), rows="edge_angle edge_mtf*"),
+    Finding(
+        "edge",
+        (Need.CAMERA, Need.CAPTURES),
+        rows="edge_angle edge_mtf* edge_overshoot edge_asymmetry edge_light_change",
+    ),
     Finding("study of optics", (Need.PANEL, Need.CAMERA, Need.WINDOW), rows="psf_difference"),
     Finding(
         "study of photographs",

@@ -238,7 +238,7 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
         if value is not None:
             cure = "Give the camera's RAW file, or linear TIFF or PNG of 16 bits, or state nothing"
             raise JobError("MF105", f"{why}, so it has no counts of which {key} could be stated", where=key, cure=cure)
-    picture = read_picture(path)
+    picture = read_picture(path, upright=False)  # the display lies as the sensor does
     if stated.sensor is not None:
         gain_of_file(stated.sensor, path.name, picture.sensitivity)
     _check_size(picture.values.shape[:2], str(path))

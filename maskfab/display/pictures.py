@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +44,11 @@ class Picture:
     sensitivity: float | None = None
 
 
-def read_picture(path: str | Path) -> Picture:
+def read_picture(path: str | Path, *, upright: bool = True) -> Picture:
     """Read a picture of any kind that OpenImageIO knows; palettes are looked up.
+
+    Args:
+        upright: turn it as its tag says that it is seen; else it stays as the sensor lay.
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF303 damaged, MF308 not a picture, MF318 a TIFF that does not say what
@@ -59,11 +62,23 @@ def read_picture(path: str | Path) -> Picture:
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
     image = _opened(path, where)
+    orientation = image.spec().get_int_attribute("Orientation", 1)
     if image.format_name() != "tiff":
-        return _of_image(image, where)
-    image.close()
-    with shown_alike(path) as shown:
-        return _of_image(_opened(shown, where), where)
+        picture = _of_image(image, where)
+    else:
+        image.close()
+        with shown_alike(path) as shown:
+            picture = _of_image(_opened(shown.path, where), where)
+            picture = replace(picture, values=shown.positive(picture.values, 1.0))
+    return replace(picture, values=_turned(picture.values, orientation)) if upright else picture
+
+
+def _turned(values: Singles, orientation: int) -> Singles:
+    """Pixels [rows, columns, ...] as they are seen, of the tag Orientation of TIFF 6.0 and EXIF."""
+    if orientation in (5, 6, 7, 8):
+        values = values.swapaxes(0, 1)
+    down, across = orientation in (3, 4, 7, 8), orientation in (2, 3, 6, 7)
+    return np.ascontiguousarray(values[:: -1 if down else 1, :: -1 if across else 1])
 
 
 def _opened(path: Path, where: str) -> Any:

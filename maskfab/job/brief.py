@@ -23,6 +23,7 @@ from maskfab.base import resources, units
 from maskfab.base.errors import JobError
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
 from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_electrons
+from maskfab.job.devices import of_device
 from maskfab.job.die import check_lens
 from maskfab.job.faults import parse_section
 from maskfab.job.grid import nearest_grid, widest_dot_nm
@@ -222,12 +223,15 @@ def questions() -> tuple[Question, ...]:
 
 
 def merged(answers: Mapping[str, object]) -> dict[str, object]:
-    """Answers without those that are blank, a density in dots per inch as the pitch that it is.
+    """Answers without those that are blank, a device by its numbers, and a density as the pitch that it is.
 
     Raises:
-        JobError: MF103 or MF104 for a density or a pitch; MF151 for two that differ by more than 1 %.
+        JobError: MF103 or MF104 for a density or a pitch; MF105 for a device, as :func:`of_device`; MF151 for two that
+            differ by more than 1 %.
     """
     stated = {key: value for key, value in answers.items() if value is not None and value != ""}
+    if "device" in stated:
+        stated = of_device(stated)
     if "dpi" not in stated:
         return stated
     density = str(stated.pop("dpi")).strip()

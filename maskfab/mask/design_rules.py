@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -154,8 +154,10 @@ class DesignRules:
     """Limits on what is clear, on how it is drawn, and on names; a rule that is None or False is not checked.
 
     Distances are Euclidian, as KLayout measures them: between the facing parts of two edges, corner to corner
-    included. So a point in which clear corners kiss counts as two spaces of zero, and if both corners are of one
-    polygon, as two notches and two widths of zero as well, unless ``kissing`` is False.
+    included; of two edges askew only where one lies square before the other, or between corners that point at each
+    other, for KLayout takes for the width of a disc the chord between any two edges that face each other, down to its
+    diameter over the root of two. So a point in which clear corners kiss counts as two spaces of zero, and if both
+    corners are of one polygon, as two notches and two widths of zero as well, unless ``kissing`` is False.
 
     Attributes:
         min_width_nm: least width of a clear polygon.
@@ -224,12 +226,39 @@ def distance_checks(rules: DesignRules) -> dict[str, tuple[int, Check]]:
     options: dict[str, Any] = {} if rules.kissing else {"zero_distance_mode": db.Region.NeverIncludeZeroDistance}
     checks: dict[str, tuple[int, Check]] = {}
     if (width := rules.min_width_nm) is not None:
-        checks["width"] = width, lambda region: region.width_check(width, **options)
+        checks["width"] = width, lambda region: _across(region, "width_check", width, options)
     if (space := rules.min_space_nm) is not None:
-        checks["space"] = space, lambda region: region.space_check(space, **options)
+        checks["space"] = space, lambda region: _across(region, "space_check", space, options)
     if (notch := rules.min_notch_nm) is not None:
-        checks["notch"] = notch, lambda region: region.notch_check(notch, **options)
+        checks["notch"] = notch, lambda region: _across(region, "notch_check", notch, options)
     return checks
+
+
+_ASKEW_DEG = 1e-3
+"""Between edges that are no longer antiparallel; KLayout looks at angles below a limit that is not 0."""
+
+
+def _across(region: db.Region, check: str, limit_nm: int, options: Mapping[str, Any]) -> db.EdgePairs:
+    """Pairs of facing edges closer than the limit, without chords that begin or end beside what they should cross."""
+    run: Callable[..., db.EdgePairs] = getattr(region, check)
+    if region.edges().with_angle(db.Edges.OrthoEdges, True).is_empty():
+        return run(limit_nm, **options)
+    found = run(limit_nm, ignore_angle=_ASKEW_DEG, **options)
+    square = run(limit_nm, metrics=db.Region.Projection, **options)
+    found += square.with_internal_angle(0, True)
+    # Corners that point into what is measured: a left turn of clear, which lies to the right of its edges.
+    angles = (0.001, 180.0) if check == "width_check" else (-180.0, -0.001)
+    corners = {(dot.p1.x, dot.p1.y) for dot in region.corners_dots(*angles).each()}
+    if not corners:
+        return found
+    ends = _ends(run(limit_nm, **options).with_internal_angle(0, True))
+    between = ends[:, :2, None] - ends[:, None, 2:]
+    nearest = np.argmin((between**2).sum(axis=-1).reshape(-1, 4), axis=1)
+    each = np.arange(len(ends))
+    for first, second in zip(ends[each, nearest // 2].tolist(), ends[each, 2 + nearest % 2].tolist(), strict=True):
+        if (*first,) in corners and (*second,) in corners:
+            found.insert(db.EdgePair(db.Edge(*first, *first), db.Edge(*second, *second)))
+    return found
 
 
 _LARGEST_SHEET_NM = 1_000_000_000
@@ -311,12 +340,17 @@ class Canvas:
         return sheets
 
 
-def facing_edges(pairs: db.EdgePairs) -> Facing:
-    """Edge pairs as arrays, all of item 0."""
+def _ends(pairs: db.EdgePairs) -> Ints:
+    """Ends of both edges of every pair, int64 [n, 4, 2]."""
     count = pairs.count()
     # One text is read a hundred times faster than attributes of so many objects.
     numbers = np.array(pairs.to_s(count).translate(_DIGITS).split(), dtype=np.int64)
-    ends = numbers.reshape(count, 4, 2)
+    return np.asarray(numbers.reshape(count, 4, 2))
+
+
+def facing_edges(pairs: db.EdgePairs) -> Facing:
+    """Edge pairs as arrays, all of item 0."""
+    count, ends = pairs.count(), _ends(pairs)
     boxes = np.concatenate([ends.min(axis=1), ends.max(axis=1)], axis=1)
     lowest = np.where(ends[..., 1] == boxes[:, 1, None], ends[..., 0], np.iinfo(np.int64).max).min(axis=1)
     points = np.stack([lowest, boxes[:, 1]], axis=1)

@@ -45,8 +45,9 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance")
 
 _IMAGES = (".png", ".tif", ".tiff", ".exr")
+_TEXTS = (".txt", ".csv", ".tsv")
 _LAYOUTS = (".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".cif", ".dxf")
-GRIDS = (".toml", ".txt", *_IMAGES, ".npy")
+GRIDS = (".toml", *_TEXTS, *_IMAGES, ".npy")
 """Suffixes of files that say themselves how many dots there are."""
 _SUFFIXES = (*GRIDS, *_LAYOUTS)
 _MAGIC: Mapping[str, tuple[bytes, ...]] = MappingProxyType(
@@ -75,7 +76,7 @@ def load_opening(
     """The opening held by a file, whose suffix says how to read it.
 
     * ``.toml``: the form of this module; it states its own pitch.
-    * ``.txt``: the grid alone, ``;`` starts a comment line.
+    * ``.txt .csv .tsv``: the grid alone, drawn or in numbers 0 and 1; ``;`` starts a comment line.
     * ``.png .tif .tiff .exr``: one pixel per dot, clear where the mean of the colour channels is at least one half.
     * ``.npy``: bool or 0/1 [dots, dots], row 0 lowest, as in :class:`~maskfab.base.model.Opening`.
     * ``.gds .oas .dxf``: polygons of one cell and layer, on the dot grid. The display pixel's lower left corner is
@@ -108,8 +109,8 @@ def load_opening(
 
     if dot_nm is None:
         raise _missing("dot_nm", "the side of one dot in nanometres", where)
-    if suffix == ".txt":
-        mask = decode.mask_of_lines(decode.text_rows(_decode(content, where)), where)
+    if suffix in _TEXTS:
+        mask = decode.mask_of_lines(decode.text_rows(_decode(content, where), where), where)
     elif suffix in _IMAGES:
         mask = decode.from_image(path)
     elif suffix == ".npy":

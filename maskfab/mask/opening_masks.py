@@ -52,12 +52,46 @@ Rows = list[tuple[int, str]]
 CLOSED, CLEAR = ".", "#"
 _SAVE = "Save 1 where the opening is clear and 0 where it is opaque"
 MOST_CHANNELS = 16
+_BEYOND = 0.01
+"""Rounding of floating-point pictures goes no farther beyond black and white."""
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
 
-def text_rows(text: str) -> Rows:
-    """The lines of a plain grid, without its comment lines (``;`` first)."""
-    return [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
+def text_rows(text: str, where: str) -> Rows:
+    """The lines of a plain grid, without its comment lines (``;`` first), numbers 0 and 1 drawn as '.' and '#'.
+
+    A drawing has no digits, so that a text with any in its first line is one of numbers: apart by semicolons, tabs,
+    commas, blanks or nothing, comments behind ``# ``.
+
+    Raises:
+        OpeningError: MF202 for another number, or none.
+    """
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
+    numbers = [(n, line.strip()) for n, line in lines if line.strip() and not line.startswith("# ")]
+    if not any(character.isdigit() for _, line in numbers[:1] for character in line):
+        return lines
+    return [(n, _drawn_numbers(line, n, where)) for n, line in numbers]
+
+
+def _drawn_numbers(line: str, number: int, where: str) -> str:
+    """A line of 0 and 1 as it is drawn."""
+    between = next((mark for mark in ";\t," if mark in line), None)
+    fields: Iterable[str] = line.split(between)
+    if between is None and not set(line) - set("01"):
+        fields = line
+    drawn = ""
+    for place, field in enumerate(fields, start=1):
+        try:
+            # Where semicolons part numbers, a comma is a decimal one.
+            value = float(field.strip().strip('"').replace(",", "."))
+        except ValueError:
+            value = np.nan
+        if value not in (0, 1):
+            what = f"line {number}, number {place}: {field.strip()!r} is neither 0 (opaque) nor 1 (clear)"
+            cure = "Write rows of 0 and 1 alone, the top row first, without names of rows or columns"
+            raise OpeningError("MF202", what, where=where, cure=cure)
+        drawn += CLEAR if value else CLOSED
+    return drawn
 
 
 def mask_of_lines(lines: Rows, where: str) -> Mask:
@@ -99,7 +133,8 @@ def from_image(path: Path) -> Mask:
     """Mask of an image of one pixel per dot: clear where the mean of the colour channels is at least one half.
 
     Raises:
-        SourceError: MF303 damaged, MF318 a TIFF that does not say what is white.
+        SourceError: MF303 damaged, MF308 turned, of several pages or transparent, MF318 a TIFF that does not say what
+            is white.
         OpeningError: MF201 not square, MF202 a brightness that is not finite, or no colour channel.
         JobError: MF115 too large.
     """
@@ -108,7 +143,8 @@ def from_image(path: Path) -> Mask:
         return _of_image(image, str(path))
     image.close()
     with shown_alike(path) as shown:
-        return _of_image(_opened_image(path, shown), str(path))
+        mask = _of_image(_opened_image(path, shown.path), str(path))
+        return ~mask if shown.turned else mask
 
 
 def _opened_image(path: Path, shown: Path) -> Any:
@@ -137,6 +173,12 @@ def _of_image(image: Any, where: str) -> Mask:
             )
             cure = "Save the whole picture, with equal data and display windows"
             raise OpeningError("MF201", what, where=where, cure=cure)
+        turned = spec.get_int_attribute("Orientation", 1) != 1
+        if image.seek_subimage(1, 0) or turned:
+            what = "is turned by its tags" if turned else "has several pages"
+            raise SourceError("MF308", f"the image {what}", where=where, cure="Save one picture as it is seen")
+        said_by(image)  # there being no second page is no error
+        image.seek_subimage(0, 0)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -147,9 +189,14 @@ def _of_image(image: Any, where: str) -> Mask:
     if not colours:
         raise OpeningError("MF202", "the image has no colour channel", where=where, cure="Save it as a grey image")
     channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
+    if spec.alpha_channel >= 0 and not channels[:, :, spec.alpha_channel].min() >= 1:
+        cure = "Save it without transparency, white where it is clear and black where it is opaque"
+        raise SourceError("MF308", "the image is transparent in part, which is neither", where=where, cure=cure)
     with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused next
         brightness = channels[:, :, colours].astype(np.float64).mean(axis=2)
     _refuse(~np.isfinite(brightness), brightness, "is not finite", where)
+    beyond = (brightness < -_BEYOND) | (brightness > 1 + _BEYOND)
+    _refuse(beyond, brightness, "is not between 0 (opaque) and 1 (clear)", where)
     return np.asarray(brightness >= 0.5)[::-1]
 
 

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
 from maskfab.base.errors import JobError, OpeningError, SourceError
 from maskfab.display.pictures import LARGEST, Picture, on_pixels, read_picture
@@ -183,3 +183,19 @@ def test_a_tiff_that_does_not_say_what_is_white_is_refused(tmp_path):
     with pytest.raises(SourceError) as caught:
         read_picture(tmp_path / "u.tif")
     assert caught.value.code == "MF318"
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_picture_is_seen_as_its_tag_turns_it_and_as_pillow_shows_it(tmp_path, suffix, orientation):
+    drawn = np.random.default_rng(0).integers(0, 255, (4, 6, 3)).astype(np.uint8)
+    path = tmp_path / f"x.{suffix}"
+    header = oiio.ImageSpec(6, 4, 3, "uint8")
+    header.attribute("Orientation", orientation)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), header)
+    assert output.write_image(drawn)
+    output.close()
+    shown = np.asarray(ImageOps.exif_transpose(Image.open(path)))
+    assert np.allclose(read_picture(path).values, shown / 255, atol=1e-6)
+    assert np.allclose(read_picture(path, upright=False).values, drawn / 255, atol=1e-6)

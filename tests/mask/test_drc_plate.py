@@ -10,7 +10,7 @@ from klayout import db
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import CLEAR, Die, Mark
-from maskfab.mask.design_rules import DesignRules, flat_results, merged
+from maskfab.mask.design_rules import DesignRules, distance_checks, facing_edges, flat_results, merged
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.plate_rules import check_plate, drawn_polygons
 
@@ -131,6 +131,42 @@ def test_widths_spaces_and_islands_by_hand():
         ((20_000, 20_000, 26_000, 26_000),),
     )
     assert found["area"].passed
+
+
+def disc(diameter, sides=64):
+    angle = np.arange(sides) * 2 * np.pi / sides + 0.3
+    return db.Region(
+        db.Polygon([db.Point(*map(round, diameter / 2 * each)) for each in np.c_[np.cos(angle), np.sin(angle)]])
+    )
+
+
+def least(region, rule, limit):
+    """The least value that breaks a rule on distances, nanometres; infinite if nothing does."""
+    _, check = distance_checks(DesignRules(**{f"min_{rule}_nm": limit}))[rule]
+    return facing_edges(check(region)).values.min(initial=np.inf)
+
+
+@pytest.mark.parametrize("sides", [8, 16, 64])
+def test_a_disc_is_as_wide_as_its_diameter_as_hole_and_as_island(sides):
+    """KLayout takes the chords between edges a quarter of the round apart for widths, too."""
+    wide = 20_000 * np.cos(np.pi / sides)  # across the flats
+    around = db.Region(db.Box(-50_000, -50_000, 50_000, 50_000)) - disc(20_000, sides)
+    for shape, rules in ((disc(20_000, sides), ["width"]), (around, ["space", "notch"])):
+        for rule in rules:
+            assert least(shape, rule, 22_000) == pytest.approx(wide, abs=2)
+            assert least(shape, rule, int(wide) - 3) == np.inf
+
+
+def test_narrow_places_of_slanted_shapes_are_found():
+    square = disc(20_000, 4)
+    assert least(square, "width", 15_000) == pytest.approx(20_000 / 2**0.5, abs=2)
+    apart = disc(20_000) + disc(20_000).moved(17_000, 17_000)
+    assert least(apart, "space", 9_000) == pytest.approx(17_000 * 2**0.5 - 20_000, abs=20)
+    # Corners that point at each other, of edges none of which are parallel.
+    corners = [(0, 9_000), (20_000, 11_000), (11_000, 800), (19_000, -9_000), (1_000, -8_000), (8_000, -500)]
+    waist = db.Region(db.Polygon([db.Point(*corner) for corner in corners]))
+    at = facing_edges(distance_checks(DesignRules(min_width_nm=4_000))["width"][1](waist))
+    assert np.isclose(at.values, np.hypot(3_000, 1_300)).any()
 
 
 def test_names(small_plate):

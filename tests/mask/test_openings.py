@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its customary name
 import pytest
+import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from klayout import db
 from sweeps import in_turns, sweep
 
-from maskfab.base.errors import InputError
+from maskfab.base.errors import InputError, OpeningError
 from maskfab.base.model import Opening
 from maskfab.job.values import check_name
 from maskfab.mask.opening_file import dot_of_pitch, load_opening, opening_text, parse_opening
@@ -374,3 +375,55 @@ def test_a_slit_is_centred_to_half_a_dot(dots: int, width: int, clear: int | Non
     assert (len(set(row)), len(set(column))) == (height, width)
     assert dots - 1 - row.max() - row.min() == (dots - height) % 2
     assert dots - 1 - column.max() - column.min() == (dots - width) % 2
+
+
+NUMBERS = {
+    "commas": ("0,1,1\n0,0,1\n0,0,0\n", ".csv"),
+    "commas and blanks": ("0, 1, 1\r\n0, 0, 1\r\n0, 0, 0\r\n", ".csv"),
+    "semicolons": ("0;1;1\n0;0;1\n0;0;0", ".csv"),
+    "semicolons, decimal commas": ("0,0;1,0;1,0\n0,0;0,0;1,0\n0,0;0,0;0,0", ".csv"),
+    "tabs": ("0\t1\t1\n0\t0\t1\n0\t0\t0\n", ".tsv"),
+    "blanks": ("0 1 1\n 0  0 1\n0 0 0\n", ".txt"),
+    "nothing": ("011\n001\n000\n", ".txt"),
+    "as numpy saves": ("# of mine\n0.0000e+00 1.0000e+00 1.0e+00\n0.0 0.0 1.0\n0.0 0.0 0.0\n", ".txt"),
+    "drawn": (".##\n..#\n...\n", ".csv"),
+    "marked": ("\ufeff0,1,1\n0,0,1\n0,0,0\n\n", ".csv"),
+}
+
+
+@pytest.mark.parametrize("case", NUMBERS)
+def test_a_table_of_0_and_1_is_an_opening_its_top_row_first(tmp_path, case):
+    text, suffix = NUMBERS[case]
+    path = tmp_path / f"corner{suffix}"
+    path.write_text(text, encoding="utf-8")
+    assert load_opening(path, dot_nm=8000).mask.tolist() == [[0, 0, 0], [0, 0, 1], [0, 1, 1]]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0,1,1\n0,2,1\n0,0,0", "line 2, number 2: '2'"),
+        ("0,1,1\n0,0.5,1\n0,0,0", "line 2, number 2: '0.5'"),
+        (",0,1\n0,0,1\n0,0,0", "line 1, number 1: ''"),
+        ("0,1,1\n0,nan,1\n0,0,0", "line 2, number 2: 'nan'"),
+        ("0,1,-1\n0,0,1\n0,0,0", "line 1, number 3: '-1'"),
+    ],
+)
+def test_other_numbers_are_refused_with_their_place(tmp_path, text, said):
+    path = tmp_path / "corner.csv"
+    path.write_text(text)
+    with pytest.raises(OpeningError, match=said) as caught:
+        load_opening(path, dot_nm=8000)
+    assert caught.value.code == "MF202"
+
+
+@pytest.mark.parametrize("fault", ["turned", "pages", "transparent"])
+def test_an_image_that_may_be_seen_otherwise_is_refused(tmp_path, fault):
+    path, pixels = tmp_path / "corner.tif", np.full((3, 3), 255, np.uint8)
+    if fault == "transparent":
+        tifffile.imwrite(path, np.stack([pixels, pixels // 2], axis=-1), photometric=1, extrasamples=["unassalpha"])
+    else:
+        turned = [(274, "H", 1, 6, True)] if fault == "turned" else ()
+        pages = np.stack([pixels, pixels]) if fault == "pages" else pixels
+        tifffile.imwrite(path, pages, photometric=1, extratags=turned, metadata=None)
+    refused("MF308", load_opening, path, dot_nm=8000)

@@ -169,6 +169,9 @@ _MOSAICS: dict[str, Pattern] = {
 }
 
 
+MOST_PIXELS = 120_000_000
+"""Of a frame; medium format has a hundred million."""
+
 PICTURES = (".tif", ".tiff", ".png", ".exr")
 
 

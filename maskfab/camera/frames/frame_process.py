@@ -8,10 +8,12 @@ fill the process that reads it, which is this one.
 
 from __future__ import annotations
 
+import math
 import struct
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -20,13 +22,20 @@ import numpy as np
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import SourceError
-from maskfab.camera.frames.frame import LEVELS_OF_BYTES, OF_BYTES, PICTURES, PLANE_COLOURS, Colour, Frame, Pattern
-from maskfab.mask.formats.tiff import said_by, shown_alike
+from maskfab.camera.frames.dng import as_told, told
+from maskfab.camera.frames.frame import (
+    LEVELS_OF_BYTES,
+    MOST_PIXELS,
+    OF_BYTES,
+    PICTURES,
+    PLANE_COLOURS,
+    Colour,
+    Frame,
+    Pattern,
+)
+from maskfab.mask.formats.tiff import TURN, said_by, shown_alike
 from maskfab.mask.process_limits import limit_share
 from maskfab.mask.sandbox import answer_message, error_message
-
-MOST_PIXELS = 120_000_000
-"""Of a frame; medium format has a hundred million."""
 
 _MEMORY, _MEMORY_PER_BYTE = 4 << 30, 8
 _SECONDS, _BYTES_PER_SECOND = 30, 2_000_000
@@ -40,6 +49,7 @@ def raw_frame(path: Path) -> Frame:
     """A RAW file by LibRaw: what the sensor counted inside its visible edge, not turned, nothing interpolated."""
     import rawpy
 
+    stated = told(path)
     try:
         with rawpy.imread(str(path)) as raw:
             sizes = raw.sizes
@@ -48,7 +58,7 @@ def raw_frame(path: Path) -> Frame:
             each_black, whites = raw.black_level_per_channel, raw.camera_white_level_per_channel
             balance = [float(gain) for gain in raw.camera_whitebalance[:3]]
             matrix = np.asarray(raw.color_matrix, dtype=np.float64)[:, :3]
-            return Frame(
+            frame = Frame(
                 name=path.name,
                 counts=counts,
                 black=tuple(float(each_black[place]) for place in places),
@@ -59,9 +69,14 @@ def raw_frame(path: Path) -> Frame:
                 colour_matrix=matrix if matrix.any() and np.isfinite(matrix).all() else None,
                 **_maker(path, raw.other.iso_speed),
             )
+            return (
+                frame
+                if stated is None
+                else as_told(frame, raw.raw_image, (sizes.top_margin, sizes.left_margin), stated, path)
+            )
     except (rawpy.LibRawFileUnsupportedError, rawpy.NotSupportedError) as error:
         what = f"{path.name} is no RAW file that LibRaw knows ({_text(error)})"
-        cure = "Convert it to DNG without loss, or save it as linear TIFF of 16 bits"
+        cure = "Convert it to uncompressed DNG, or save it as linear TIFF of 16 bits"
         raise SourceError("MF308", what, where=str(path), cure=cure) from error
     except rawpy.LibRawError as error:
         raise _damaged(path, _text(error)) from error
@@ -72,7 +87,11 @@ def picture_frame(path: Path) -> Frame:
     if path.suffix.lower() not in (".tif", ".tiff"):
         return _of_picture(path, path)
     with shown_alike(path) as shown:
-        return _of_picture(path, shown)
+        frame = _of_picture(path, shown.path)
+        if shown.turned and not math.isfinite(frame.white):
+            what = f"{path.name} says that 0 is white of floating-point values, of which none is said to be black"
+            raise SourceError("MF318", what, where=str(path), cure=TURN)
+        return replace(frame, counts=shown.positive(frame.counts, frame.white))
 
 
 def _of_sensor(path: Path, raw: Any) -> tuple[Singles, Pattern | None, tuple[int, ...]]:

@@ -315,6 +315,14 @@ def merged(
     check_stack(frames)
     same_sensor([frames[0], *dark, *flat])
     require_gain(electrons_per_count, read_noise_e)
+    well = electrons_per_count * (frames[0].white - max(frames[0].black))
+    if well < _SEEN * read_noise_e:
+        what = (
+            f"{electrons_per_count:g} electrons per count fill a pixel with {well:.3g} electrons at the white of "
+            f"{frames[0].white:g}, under {_SEEN:g} times the read noise of {read_noise_e:g}"
+        )
+        cure = f"Give the gain in electrons for each count of the file: full well over {frames[0].white:g}, less black"
+        raise SourceError("MF335", what, where=frames[0].name, cure=cure)
     times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
     lattices = list(enumerate(frames[0].lattices))
     dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if all(frame.whole for frame in frames) else 0.0)
@@ -471,7 +479,8 @@ def _check_light(planes: Sequence[Plane], name: str) -> None:
     noise = float(np.sqrt(sum(float((plane.sigma[plane.valid] ** 2).sum()) for plane in planes)))
     if above < 4 and not total > _SEEN * noise > 0:
         what = f"{above} pixels are {_SEEN:g} standard deviations above black, and all together are not"
-        raise SourceError("MF334", what, where=name, cure="Expose longer, or state the true black level")
+        cure = "Expose longer, or state the true black level, or the gain in electrons for each count of the file"
+        raise SourceError("MF334", what, where=name, cure=cure)
 
 
 _HIDDEN = 0.1

@@ -22,6 +22,7 @@ from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Panel, Quantity, frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.frames.frame import PIXELS_OF, Colour, Frame
+from maskfab.camera.inspection.edge_health import faults
 from maskfab.camera.inspection.edge_regions import Order, Region, found_edges
 from maskfab.camera.inspection.slanted_edge import WHOLE, EdgeMtf, Grid, edge_mtf, window
 from maskfab.job.camera import Camera
@@ -368,7 +369,12 @@ def _beside(curve: EdgeMtf | MtfCurve, design: EdgeDesign | None, colour: Colour
     if isinstance(curve, EdgeMtf):
         method = "polynomial through the edge's place on every line"
         numbers.append(Quantity("edge_angle", curve.angle_deg, method, die=die))
-    numbers += mtf50(curve, die)
+        numbers += [excess.quantity(die) for excess in curve.excesses]
+    if faults(numbers):
+        # It is one of the picture, and of no optics: no fact to go by.
+        numbers += [replace(row, value=None, uncertainty=None) for row in mtf50(curve, die)]
+    else:
+        numbers += mtf50(curve, die)
     numbers += _at_shown(curve, die)
     for each in designed:
         numbers += differences(curve, each, die)
@@ -505,6 +511,9 @@ def edge_verdict(measured: MeasuredEdges) -> tuple[str, ...]:
 
 def _sentences(measured: MeasuredEdge, die: str | None) -> list[str]:
     of = {name: [quantity for quantity in measured.quantities if quantity.name == name] for name in _TOLD}
+    if wrong := faults(measured.quantities):
+        cure = "Take the edge from the camera's RAW, with even light, and not from a picture that was developed"
+        return [f"{measured.title[0].upper()}{measured.title[1:]}: no MTF of a camera, for {'; '.join(wrong)}. {cure}."]
     half = [str(row) for name in ("edge_mtf50_per_pixel", "edge_mtf50") for row in of[name] if row.value is not None]
     fall = f"is one half at {', '.join(half)}" if half else "does not fall below one half"
     sentences = [f"{measured.title[0].upper()}{measured.title[1:]}: the MTF {fall}."]

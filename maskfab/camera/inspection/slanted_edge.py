@@ -44,6 +44,7 @@ from maskfab.base.errors import SourceError
 from maskfab.base.model import frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
+from maskfab.camera.inspection.edge_health import Excess, above_one, asymmetry, overshoot, uneven_light
 from maskfab.camera.inspection.edge_regions import (
     FEWEST_LINES,
     NARROWEST_PX,
@@ -167,8 +168,8 @@ _NORMAL = 8.0
 
 def mtf_with_band(
     sums: NormalSums, spread: Floats, frequency_cy_per_px: Floats, half_px: float, seed: int
-) -> tuple[Floats, Floats, Floats]:
-    """MTF, and the ends of its pointwise band, [n] each."""
+) -> tuple[Floats, Floats, Floats, Excess]:
+    """MTF, and the ends of its pointwise band, [n] each; and the part of it that has another phase."""
     between = sums.knots_px[:-1] + sums.step_px / 2
     waves = np.exp(-2j * np.pi * frequency_cy_per_px[:, None] * between) * window(between, half_px)
     waves /= passed(frequency_cy_per_px, sums.step_px)[:, None]
@@ -188,7 +189,7 @@ def mtf_with_band(
     mtf = np.sqrt(np.maximum(size**2 - along - across, 0))
     mtf[0] = 1.0
     low, high = rice_interval(size, np.sqrt(along))
-    return mtf, low, high
+    return mtf, low, high, asymmetry(frequency_cy_per_px, own, np.sqrt(across))
 
 
 def rice_interval(size: Floats, deviation: Floats) -> tuple[Floats, Floats]:
@@ -268,6 +269,7 @@ class EdgeMtf:
         frequency_cy_per_px: float64 [n], 0 first.
         mtf: float64 [n], noise's share subtracted.
         low, high: float64 [n], ends of the pointwise 95 % band.
+        excesses: that only an edge which is no light's own has.
     """
 
     direction: Direction
@@ -283,6 +285,7 @@ class EdgeMtf:
     low: Floats
     high: Floats
     method: str
+    excesses: tuple[Excess, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("frequency_cy_per_px", "mtf", "low", "high"):
@@ -379,8 +382,17 @@ def edge_mtf(
         seen = replace(seen, values=seen.values / (1 + uneven * np.clip(distance, -half, half)))
         sums, spread = seen.spread(distance, half)
     noise = noise_about(sums, spread, distance, seen.values, used)
+    reach = half
     half = settled_px(sums, spread, noise, int(np.count_nonzero(used)))
-    mtf, low, high = mtf_with_band(sums, spread, FREQUENCIES, half, seed)
+    mtf, low, high, unlike = mtf_with_band(sums, spread, FREQUENCIES, half, seed)
+    of_knot = noise / math.sqrt(max(1.0, float(np.median(sums.diagonal.sum(axis=0)) * 1.5)))
+    bright = distance * np.sign(spread[-1] - spread[0]) > min(half, reach / 2)
+    excesses = (
+        overshoot(sums.knots_px, spread, of_knot),
+        above_one(FREQUENCIES, mtf, low),
+        unlike,
+        uneven_light(seen.values, used & bright, 2 * uneven * reach),
+    )
     slope = float(np.mean(line.slopes(seen.numbers)))
     angle = math.degrees(math.atan(slope))
     return EdgeMtf(
@@ -399,6 +411,7 @@ def edge_mtf(
         high,
         f"slanted edge after ISO 12233, {1 / STEP_PX:g}-fold oversampling, {seen.numbers.size} lines, window of "
         f"{2 * half:g} px, noise power subtracted, {CONFIDENCE:.0%} band by {RESAMPLES} resamples of lines",
+        excesses,
     )
 
 

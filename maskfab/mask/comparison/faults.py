@@ -236,7 +236,6 @@ _SAMPLE = 1000
 """Vertices, in a part of a region that tells about how near its sides are."""
 
 _NEARER = 1024
-_MOST_PAIRS = 20_000
 """Of sides that are told one by one."""
 _AT_A_TIME = 20_000_000
 
@@ -510,8 +509,8 @@ def _within(places: Ints, boxes: Ints, values: NDArray[np.float64]) -> Broken:
 def _narrowest(clear: db.Region, name: str) -> tuple[float | None, Iterable[int] | None]:
     """The least width or space in nanometres, and where; None if nothing faces anything.
 
-    One looks twice as far each time, for within a wide limit round outlines have as many pairs of sides as sides
-    squared; and not quite as far again where there are many pairs. A part tells where to begin.
+    One looks twice as far each time, for within a wide limit outlines have many pairs of sides. A part tells where to
+    begin.
     """
     if clear.is_empty():
         return None, None
@@ -521,14 +520,6 @@ def _narrowest(clear: db.Region, name: str) -> tuple[float | None, Iterable[int]
     limit, pairs = _near(clear, name, 1 if about is None else max(1, about // _NEARER), farthest)
     if limit is None:
         return None, None
-    low = 0
-    while pairs.count() > _MOST_PAIRS and limit - low > 1:
-        middle = (low + limit) // 2
-        fewer = _pairs(clear, name, middle)
-        if fewer.is_empty():
-            low = middle
-        else:
-            limit, pairs = middle, fewer
     facing = facing_edges(pairs)
     worst = int(facing.values.argmin())
     return float(facing.values[worst]), facing.boxes_nm[worst].tolist()

@@ -91,7 +91,8 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         raise _damaged(path, "it ends without IEND")
     if path.suffix.lower() in TIFF_SUFFIXES:
         with shown_alike(path) as shown:
-            return _pixels(path, shown)
+            values, stated = _pixels(path, shown.path)
+            return shown.positive(values, _WHITE), stated
     return _pixels(path, path)
 
 

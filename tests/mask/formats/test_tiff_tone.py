@@ -6,9 +6,12 @@ import struct
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
-from maskfab.base.errors import SourceError
+from maskfab.base.errors import OpeningError, SourceError
+from maskfab.camera.frames.frame import read_frame
+from maskfab.display.pictures import read_picture
 from maskfab.mask.formats.picture import read_levels
 from maskfab.mask.opening_masks import from_image
 
@@ -54,6 +57,44 @@ def refusal(read, path) -> str:
 def test_a_tiff_that_says_what_is_white_is_read_as_it_says(tmp_path, order, big, photometric, white):
     levels, _ = read_levels(tiff(tmp_path / "x.tif", (262, [photometric]), order=order, big=big))
     assert np.array_equal(levels.ravel() == 255, np.frombuffer(PIXELS, np.uint8) == white)
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32, np.float32, np.float64])
+@pytest.mark.parametrize("photometric", [0, 1])
+def test_what_is_white_is_so_at_every_depth(tmp_path, photometric, kind, order):
+    """OpenImageIO turns a picture in which 0 is white up to 8 bits alone."""
+    drawn = np.array([[1, 0, 0], [1, 1, 0], [0, 0, 1]], bool)
+    white = 1 if np.dtype(kind).kind == "f" else np.iinfo(kind).max
+    tifffile.imwrite(
+        tmp_path / "x.tif", (drawn * white).astype(kind), photometric=photometric, byteorder=order, metadata=None
+    )
+    seen = drawn if photometric else ~drawn
+    assert np.array_equal(from_image(tmp_path / "x.tif"), seen[::-1])
+    assert np.array_equal(read_levels(tmp_path / "x.tif")[0], seen * 255)
+    assert np.array_equal(read_picture(tmp_path / "x.tif").values[..., 0], seen)
+
+
+def test_a_frame_in_which_0_is_white_is_turned_or_refused_where_nothing_is_black(tmp_path):
+    counts = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
+    tifffile.imwrite(tmp_path / "x.tif", counts, photometric=0)
+    assert np.array_equal(read_frame(tmp_path / "x.tif").counts, 65535.0 - counts)
+    tifffile.imwrite(tmp_path / "y.tif", counts.astype(np.float32), photometric=0)
+    assert refusal(read_frame, tmp_path / "y.tif") == "MF318"
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_opacity_beside_samples_in_which_0_is_white_is_refused(tmp_path, kind):
+    """OpenImageIO turns it, too."""
+    pixels = np.full((3, 3, 2), np.iinfo(kind).max, kind)
+    tifffile.imwrite(tmp_path / "x.tif", pixels, photometric=0, planarconfig="contig", extrasamples=["unassalpha"])
+    assert refusal(from_image, tmp_path / "x.tif") == "MF318"
+
+
+def test_an_opening_of_floats_that_reach_beyond_white_is_refused(tmp_path):
+    tifffile.imwrite(tmp_path / "x.tif", np.float32([[0, 100], [255, 0]]))
+    with pytest.raises(OpeningError, match="between 0"):
+        from_image(tmp_path / "x.tif")
 
 
 @pytest.mark.parametrize("big", [False, True])
