@@ -216,6 +216,13 @@ def _schemas() -> Iterator[str]:
         yield f"### `{title}`\n\n```json\n{json.dumps(rules, indent=1, ensure_ascii=False)}\n```\n"
 
 
+def _readers() -> Iterator[str]:
+    """Versions of readers that constraints.txt pins, which the tests ran with."""
+    pinned = re.findall(r"(?m)^([\w.-]+)==([\w.]+)", (_ROOT / "constraints.txt").read_text(encoding="utf-8"))
+    names = ("klayout", "gdstk", "ezdxf", "gerbonara", "OpenImageIO", "rawpy")
+    yield ", ".join(f"{name} {' or '.join(version for each, version in pinned if each == name)}" for name in names)
+
+
 _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "keys": _keys,
     "codes": _codes,
@@ -230,6 +237,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "cameras": _cameras,
     "devices": _devices,
     "shapes": _shapes,
+    "readers": _readers,
 }
 
 
