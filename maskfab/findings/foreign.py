@@ -51,7 +51,7 @@ from maskfab.mask.comparison.faults import (
     slanted,
 )
 from maskfab.mask.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare_layout
-from maskfab.mask.formats.content import moved_nm, rounding_nm
+from maskfab.mask.formats.content import moved_nm, rounding_nm, steps_off_grid
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES, read_picture
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.layout import (
@@ -418,7 +418,8 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     name = path.name
     # GDSII and OASIS label cells so; who sets text in a drawing may well mean it to be seen.
     is_dxf = suffix_of(path) == ".dxf"
-    yield Quantity("rounding", rounding_nm(read), f"largest distance of a coordinate of {name} to the grid")
+    method = f"largest distance of a coordinate of {name} to the grid{steps_off_grid(read)}"
+    yield Quantity("rounding", rounding_nm(read), method)
     for what, count, method, wrong in (
         ("empty_polygons", noted.empty_polygons, f"polygons of {name} without area", True),
         ("repeated_vertices", noted.repeated_vertices, f"vertices of {name} that repeat the one before", True),

@@ -1,8 +1,8 @@
 """Two readings of one layout held against each other: what two libraries draw otherwise is refused, with the place.
 
 Nothing is merged where both have the same elements in the same cells, which is soon told from both as streams of
-GDSII. Otherwise the shapes of each cell and layer are laid over each other, and whole top cells only where something is
-placed otherwise.
+GDSII. Otherwise the shapes of each cell and layer are laid over each other, and its references are held against each
+other by their places.
 
 Readers may rightly differ by what they round. Corners of polygons are whole numbers in a file, and must agree to the
 last of them. The sides of a path are half a width away from its points: each reader puts their corners on its grid, no
@@ -13,29 +13,33 @@ klayout, which stand out from the circle by r (1 / cos (pi / 32) - 1) at their c
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
 from klayout import db
 
+from maskfab.base.arrays import Ints
 from maskfab.base.errors import SourceError
 from maskfab.base.units import NM_PER_UM
 from maskfab.mask.layout import DBU_UM, LIBRARY_END
 
 _FROM_CIRCLE = 1 / math.cos(math.pi / 32) - 1
 _ROUNDED_NM = 1
+_MOST_COPIES = 2_000_000
+_WIDE = 1 << 31
+_NOWHERE = np.empty((0, 2), dtype=np.int64)
+_Key: TypeAlias = tuple[str | float, ...]
+
 _MOST_WRITTEN = 5_000_000
 """Shapes; of so many a stream takes a third of a gigabyte."""
 
 _LARGEST_NUMBER = 0xFFFF
 _STRUCTURE, _ELEMENT_END, _TEXT = b"\x00\x1c\x05\x02" + bytes(24), b"\x00\x04\x11\x00", b"\x00\x04\x0c\x00"
-_REFERENCES = b"\x00\x04\x0a\x00", b"\x00\x04\x0b\x00"
-"""BGNSTR without times, ENDEL, TEXT; SREF and AREF."""
-
-_Pair: TypeAlias = tuple[str, db.LayerInfo, db.Region, db.Region, "_Slack"]
-"""Name of a cell, layer, what each of two readers draws there, and what may differ."""
+"""BGNSTR without times, ENDEL, TEXT."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +70,39 @@ def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Co
     Raises:
         SourceError: MF316 with layer, cell, box and both areas.
     """
-    for cell, layer, one, other, slack in _pairs(klayout, gdstk, repeated):
-        unlike = slack.without(one ^ other)
-        if unlike.area() > 0:  # a shape without area may be left in it
-            areas = [region.merged().area() / NM_PER_UM**2 for region in (one, other)]
-            box = unlike.bbox()
-            left, bottom, right, top = (side / NM_PER_UM for side in (box.left, box.bottom, box.right, box.top))
-            what = (
-                f"{path.name}: two readers disagree: layer {layer} of cell {cell} covers {areas[0]:.10g} um^2 for "
-                f"klayout and {areas[1]:.10g} um^2 for gdstk; they differ in the box ({left:g}, {bottom:g}) to "
-                f"({right:g}, {top:g}) um"
-            )
-            cure = "Open it where it was drawn, compare that place, and write it as GDSII of boundaries"
-            raise SourceError("MF316", what, where=str(path), cure=cure)
+    scale = float(to_nanometres(klayout).dbu / DBU_UM)
+    infos = [*gdstk.layer_infos(), *(info for info in klayout.layer_infos() if gdstk.find_layer(info) is None)]
+    for name in _unlike(klayout, gdstk, repeated, scale):
+        for info in infos:
+            drawn, read = _drawn(klayout, name, info, repeated), _drawn(gdstk, name, info, repeated)
+            one = db.Region() if drawn is None else db.Region(drawn).transformed(db.ICplxTrans(scale))
+            other = db.Region() if read is None else db.Region(read)
+            unlike = _slack(klayout, info, drawn, scale).without(one ^ other)
+            if unlike.area() > 0:  # a shape without area may be left in it
+                areas = [region.merged().area() / NM_PER_UM**2 for region in (one, other)]
+                raise _disagree(
+                    path,
+                    f"layer {info} of cell {name} covers {areas[0]:.10g} um^2 for klayout and {areas[1]:.10g} um^2 for "
+                    f"gdstk; they differ in the box {_um(unlike.bbox().p1)} to {_um(unlike.bbox().p2)} um",
+                )
+        placed, others = _placed(klayout, name, repeated, scale), _placed(gdstk, name, repeated, 1)
+        for key in sorted(placed.keys() | others.keys()):
+            far = _far(placed.get(key, _NOWHERE), others.get(key, _NOWHERE))
+            if len(far):
+                raise _disagree(
+                    path,
+                    f"cell {name} places {key[0]} where only one of klayout and gdstk does, at {len(far)} points, "
+                    f"first at {_um(db.Point(*far[0].tolist()))} um",
+                )
+
+
+def _disagree(path: Path, what: str) -> SourceError:
+    cure = "Open it where it was drawn, compare that place, and write it as GDSII of boundaries"
+    return SourceError("MF316", f"{path.name}: two readers disagree: {what}", where=str(path), cure=cure)
+
+
+def _um(point: db.Point) -> str:
+    return f"({point.x / NM_PER_UM:g}, {point.y / NM_PER_UM:g})"
 
 
 def to_nanometres(layout: db.Layout) -> db.Layout:
@@ -91,30 +115,14 @@ def to_nanometres(layout: db.Layout) -> db.Layout:
     return layout
 
 
-def _pairs(one: db.Layout, other: db.Layout, repeated: Collection[int]) -> Iterator[_Pair]:
-    scale = float(to_nanometres(one).dbu / DBU_UM)
+def _unlike(one: db.Layout, other: db.Layout, repeated: Collection[int], scale: float) -> list[str]:
+    """Cells that are not written alike."""
     names = {cell.name for cell in one.each_cell()}
-    infos = [*other.layer_infos(), *(info for info in one.layer_infos() if other.find_layer(info) is None)]
-
-    def pair(name: str, info: db.LayerInfo, rounded_nm: int, cells: Collection[int] | None) -> _Pair:
-        drawn, read = _drawn(one, name, info, cells), _drawn(other, name, info, cells)
-        first = db.Region() if drawn is None else db.Region(drawn).transformed(db.ICplxTrans(scale))
-        second = db.Region() if read is None else db.Region(read)
-        return name, info, first, second, _slack(one, info, drawn, rounded_nm, scale)
-
-    if scale == 1 and names == {cell.name for cell in other.each_cell() if cell.cell_index() not in repeated}:
-        written, spread = _elements(one), _elements(_spread(other, repeated))
-        unlike = [name for name in sorted(names) if name not in written or written[name] != spread.get(name)]
-        kinds = [(name, _kinds(written.get(name)), _kinds(spread.get(name))) for name in unlike]
-        del written, spread
-        for name in (name for name, first, second in kinds if first is None or first != second):
-            yield from (pair(name, info, 0, repeated) for info in infos)
-        if all(first and second and first[0] == second[0] for _, first, second in kinds):
-            return
-    tops = {top.name: top.hierarchy_levels() for layout in (one, other) for top in layout.top_cells()}
-    for name, levels in sorted(tops.items()):
-        rounded_nm = _ROUNDED_NM if scale == 1 else math.ceil(max(1, scale)) * _ROUNDED_NM + levels
-        yield from (pair(name, info, rounded_nm, None) for info in infos)
+    names |= {cell.name for cell in other.each_cell() if cell.cell_index() not in repeated}
+    if scale != 1:
+        return sorted(names)
+    written, spread = _elements(one), _elements(_spread(other, repeated))
+    return sorted(name for name in names if not _same(written.get(name), spread.get(name)))
 
 
 def _elements(layout: db.Layout) -> Mapping[str, bytes]:
@@ -131,13 +139,12 @@ def _elements(layout: db.Layout) -> Mapping[str, bytes]:
     return {text[4:end].rstrip(b"\0").decode("latin-1"): text[end:] for text, end in zip(named, ends, strict=True)}
 
 
-def _kinds(cell: bytes | None) -> tuple[set[bytes], set[bytes]] | None:
-    """References and shapes of a cell, in whatever order, and however often each; None of one that is not written."""
-    if cell is None:
-        return None
-    parts = {part for part in cell.split(_ELEMENT_END) if not part.startswith(_TEXT)}
-    placed = {part for part in parts if part.startswith(_REFERENCES)}
-    return placed, parts - placed
+def _same(one: bytes | None, other: bytes | None) -> bool:
+    """Whether two cells have the same elements, in whatever order, and however often each."""
+    if one is None or other is None or one == other:
+        return one is not None and one == other
+    kinds = [{part for part in cell.split(_ELEMENT_END) if not part.startswith(_TEXT)} for cell in (one, other)]
+    return kinds[0] == kinds[1]
 
 
 def _spread(layout: db.Layout, repeated: Collection[int]) -> db.Layout:
@@ -159,35 +166,65 @@ def _spread(layout: db.Layout, repeated: Collection[int]) -> db.Layout:
 
 
 def _drawn(
-    layout: db.Layout, name: str, info: db.LayerInfo, repeated: Collection[int] | None
+    layout: db.Layout, name: str, info: db.LayerInfo, repeated: Collection[int]
 ) -> db.RecursiveShapeIterator | None:
-    """Shapes of a layer in a cell: its own and those that it repeats, or all below it if these are None."""
+    """Shapes of a layer in a cell, and those that it repeats."""
     cell, index = layout.cell(name), layout.find_layer(info)
     if cell is None or index is None:
         return None
-    shapes = cell.begin_shapes_rec(index)
-    if repeated is not None:
-        within = set(cell.each_child_cell())
-        shapes.max_depth = 0 if within.isdisjoint(repeated) else 1
-        shapes.unselect_cells(sorted(within.difference(repeated)))
+    shapes, within = cell.begin_shapes_rec(index), set(cell.each_child_cell())
+    shapes.max_depth = 0 if within.isdisjoint(repeated) else 1
+    shapes.unselect_cells(sorted(within.difference(repeated)))
     return shapes
 
 
-def _slack(
-    layout: db.Layout, info: db.LayerInfo, shapes: db.RecursiveShapeIterator | None, rounded_nm: int, scale: float
-) -> _Slack:
-    """Half the width of slivers that paths among some shapes may leave."""
-    if shapes is None:
-        return _Slack(rounded_nm, db.Region(), 0)
-    shapes.shape_flags = db.Shapes.SPaths
-    paths, index = db.Region(shapes), layout.find_layer(info)
+def _slack(layout: db.Layout, info: db.LayerInfo, shapes: db.RecursiveShapeIterator | None, scale: float) -> _Slack:
+    """Half the width of slivers that may be left by paths among some shapes, or by another unit."""
+    rounded_nm, paths = 0 if scale == 1 else math.ceil(scale) * _ROUNDED_NM, db.Region()
+    if shapes is not None:
+        shapes.shape_flags = db.Shapes.SPaths
+        paths = db.Region(shapes).transformed(db.ICplxTrans(scale))
     if paths.is_empty():
         return _Slack(rounded_nm, paths, 0)
+    index = layout.find_layer(info)
     every = (path for cell in layout.each_cell() for path in cell.shapes(index).each(db.Shapes.SPaths))
     radius = max((path.path_width / 2 for path in every if path.round_path), default=0.0) * scale
-    paths = paths.transformed(db.ICplxTrans(scale)) if radius else db.Region()
     paths.merged_semantics = False
-    return _Slack(max(rounded_nm, _ROUNDED_NM), paths, math.ceil(radius * _FROM_CIRCLE / 2 + 1))
+    return _Slack(
+        max(rounded_nm, _ROUNDED_NM),
+        paths if radius else db.Region(),
+        math.ceil(radius * _FROM_CIRCLE / 2 + 1),
+    )
+
+
+def _placed(layout: db.Layout, name: str, repeated: Collection[int], scale: float) -> Mapping[_Key, Ints]:
+    """Points [n, 2] at which a cell places others, by their names and how they are turned; long arrays by steps."""
+    places: dict[_Key, list[Ints]] = {}
+    cell = layout.cell(name)
+    for instance in () if cell is None else cell.each_inst():
+        if instance.cell_index in repeated:
+            continue
+        turn, to = instance.cplx_trans, instance.trans.disp
+        key: _Key = instance.cell.name, turn.is_mirror(), round(turn.mag, 9), round(turn.angle, 6) % 360
+        points, steps = np.array([[to.x, to.y]]), [(instance.a, instance.na), (instance.b, instance.nb)]
+        for step, times in ((step, times) for step, times in steps if times > 1):
+            if instance.size() > _MOST_COPIES:
+                key += times, round(step.x * scale), round(step.y * scale)
+            else:
+                points = (points[:, None] + np.arange(times)[:, None] * np.array([step.x, step.y])).reshape(-1, 2)
+        places.setdefault(key, []).append(np.rint(points * scale).astype(np.int64))
+    return {key: np.concatenate(points) for key, points in places.items()}
+
+
+def _far(one: Ints, other: Ints) -> Ints:
+    """Points of either that are none of the other, nor beside one by a nanometre, which readers round otherwise."""
+    far = []
+    for points, others in ((one, other), (other, one)):
+        known, rest = others[:, 0] * _WIDE + others[:, 1], points
+        for dx, dy in product((0, -1, 1), repeat=2):
+            rest = rest[~np.isin((rest[:, 0] + dx) * _WIDE + rest[:, 1] + dy, known)]
+        far.append(rest)
+    return np.concatenate(far)
 
 
 def count_curves(layout: db.Layout) -> int:

@@ -44,6 +44,8 @@ _FROM_CURVE_NM = 1.0
 _STEP_NM = 1e-3
 """Distance of the last copy of an array from the grid that comes from a division, not from its steps."""
 
+_STEPS_KEY = "maskfab_steps"
+
 UNIT_KEY = "maskfab_unit_um"
 """Entry of a layout that holds the unit its drawing was read in, in micrometres."""
 
@@ -61,6 +63,11 @@ def note_rounding(layout: db.Layout, rounding_nm: float) -> None:
 def rounding_nm(layout: db.Layout) -> float:
     """The largest distance by which a coordinate was moved to the nanometre grid when the layout was read."""
     return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
+
+
+def steps_off_grid(layout: db.Layout) -> str:
+    """Words on the array whose steps lead farthest from whole nanometres; empty if none do."""
+    return str(layout.meta_info_value(_STEPS_KEY) or "")
 
 
 def moved_nm(layout: db.Layout) -> float:
@@ -174,6 +181,7 @@ class Conversion:
         """``named`` are the layers of a format without numbers: the content has their places, and datatypes 0."""
         self._path = path
         self._rounding = 0.0
+        self._steps = 0.0, ""
         self._copies = 0
         self._repeated_vertices = 0
         self._empty_polygons = 0
@@ -197,6 +205,7 @@ class Conversion:
             self._fill(cell, self._cells[cell["name"]])
         note_rounding(self._layout, self._rounding)
         note_left_out(self._layout, LeftOut(self._repeated_vertices, self._empty_polygons))
+        self._layout.add_meta_info(db.LayoutMetaInfo(_STEPS_KEY, self._steps[1], "steps of arrays off the grid"))
         return self._layout
 
     def _refuse_cycles(self, content: list[dict[str, Any]]) -> None:
@@ -295,7 +304,11 @@ class Conversion:
         places, steps = np.array([origin], dtype=np.float64), [(db.Vector(), 1)]
         for times, step in zip(repetition[:2], repetition[2], strict=True):
             nearest = np.rint(step)
-            if times > 1 and (not nearest.any() or (times - 1) * np.abs(step - nearest).max() > _STEP_NM):
+            astray = (times - 1) * float(np.abs(step - nearest).max())
+            if astray > _STEP_NM:
+                where = f"copy {times} of cell {self._layout.cell_name(index)} in an array lies {astray:.3g} nm off"
+                self._steps = max(self._steps, (astray, f"; {where} {times - 1} steps of whole nanometres"))
+            if times > 1 and (not nearest.any() or astray > _STEP_NM):
                 self._count_copies(times * len(places))
                 places = (places[:, None] + np.arange(times)[:, None] * step).reshape(-1, 2)
             elif times > 1:
