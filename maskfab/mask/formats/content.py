@@ -62,8 +62,8 @@ def rounding_nm(layout: db.Layout) -> float:
 
 
 def moved_nm(layout: db.Layout) -> float:
-    """Distance of an outline from the one that a file draws, at most: by rounding, chords of what is round, and gaps that
-    were closed."""
+    """Distance of an outline from the one that a file draws, at most: by rounding, by chords of what is round, and by
+    gaps that were closed."""
     rounded, notes = math.sqrt(2) * rounding_nm(layout), drawing_notes(layout)
     if left_out(layout).curves:
         rounded = _FROM_CURVE_NM + max(rounded, math.sqrt(0.5))
