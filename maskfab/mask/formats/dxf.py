@@ -86,8 +86,8 @@ _BLOCK = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*BLOCK[ \t]*\r?\n")
 _POLYLINE_MODE = 2
 _BYTES_PER_SECOND = 1e5
 _CORNERS_PER_SECOND, _MEMORY_PER_CORNER = 200_000, 64
-_SAME_AREA, _NEVER_BETWEEN_NM = 1e-9, 0.499
-"""Share by which equal sums of areas differ; and the rounding from where on one of both may lie on the other side."""
+_SAME_AREA, _OFF_GRID_NM = 1e-9, 1.5
+"""Share by which equal sums of areas differ; and by how far two roundings of one corner."""
 
 
 def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
@@ -170,7 +170,7 @@ class Seen:
         hidden: layers, and what lies out of sight there, in words.
         kinds: number of entities by the block, in capitals, that they are drawn in, and by kind; without paper space.
         notes: what became of them, of a plain one.
-        areas_nm2: of a plain one, the sum of areas on each layer, every reference followed.
+        areas_nm2: of a plain one, the sums of areas and of lengths (nm) on each layer, every reference followed.
     """
 
     plain: bool
@@ -180,7 +180,7 @@ class Seen:
     hidden: tuple[tuple[str, str], ...]
     kinds: Counter[tuple[str, str]]
     notes: DrawingNotes
-    areas_nm2: Mapping[str, float] = field(default_factory=dict)
+    areas_nm2: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def counts(self, layer: str) -> bool:
         """Whether a layer is one that matters."""
@@ -300,8 +300,7 @@ def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
     _close_lines(layout)
-    if seen.rounding_nm < _NEVER_BETWEEN_NM:
-        _refuse_other_areas(path, layout, seen)
+    _refuse_other_areas(path, layout, seen)
     number_layers(layout)
     note_rounding(layout, seen.rounding_nm)
     note_left_out(layout, LeftOut(seen.repeated_vertices, _drop_empty(layout)))
@@ -314,8 +313,9 @@ def _refuse_other_areas(path: Path, layout: db.Layout, seen: Seen) -> None:
     for info in layout.layer_infos():
         areas = drawn_areas(layout, layout.find_layer(info), placed)
         found = sum(areas[cell.cell_index()] for cell in top)
-        said = seen.areas_nm2.get(info.name.upper(), 0.0)
-        if abs(found - said) > _SAME_AREA * max(found, said):
+        said, length_nm = seen.areas_nm2.get(info.name.upper(), (0.0, 0.0))
+        rounded_nm2 = length_nm * _OFF_GRID_NM if seen.rounding_nm else 0.0
+        if abs(found - said) > _SAME_AREA * max(found, said) + rounded_nm2:
             told = f"{said / NM_PER_UM**2:.9g} um^2 by its text and {found / NM_PER_UM**2:.9g} um^2 for klayout"
             cure = "Open it in the program that drew it, mend what its audit finds (AUDIT), and save it again"
             what = f"{path.name} draws polygons of {told} on layer {info.name!r}"
@@ -519,19 +519,21 @@ class DrawingGrid:
                 roundings_nm[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
         return roundings_nm.get(_DRAWING, 0.0)
 
-    def areas(self) -> dict[str, float]:
-        """Sum (nm^2) of the areas of all polygons on each layer, by its name in capitals, every reference followed.
+    def areas(self) -> dict[str, tuple[float, float]]:
+        """Sums of the areas (nm^2) and of the lengths (nm) of all outlines on each layer, by its name in capitals,
+        every reference followed.
 
         What a block has on layer 0 lies on the layer of its reference.
         """
-        own: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
+        own: dict[str, dict[str, Floats]] = defaultdict(lambda: defaultdict(lambda: np.zeros(2)))
         for (block, layer), lines in self._lines.items():
-            own[block][layer.upper()] += lines.area(self._scale)
+            own[block][layer.upper()] = own[block][layer.upper()] + lines.area(self._scale)
         for block in TopologicalSorter(self._graph()).static_order():
             for (name, on), times in self._times.get(block, {}).items():
                 for layer, area in own.get(name, {}).items():
-                    own[block][on if layer == "0" else layer] += times * area
-        return own.get(_DRAWING, {})
+                    on_layer = on if layer == "0" else layer
+                    own[block][on_layer] = own[block][on_layer] + times * area
+        return {layer: (float(area), float(length)) for layer, (area, length) in own.get(_DRAWING, {}).items()}
 
     def repeated_vertices(self, counts: Callable[[str], bool]) -> int:
         """Vertices that lie on the one before once they are rounded; a line may end where it began."""
@@ -576,19 +578,20 @@ class _Lines:
     def points(self) -> tuple[Floats, Floats]:
         return np.array(self._x), np.array(self._y)
 
-    def area(self, scale: float) -> float:
-        """Sum of the areas of all lines, on the grid."""
+    def area(self, scale: float) -> Floats:
+        """Sums of the areas of all lines, on the grid, and of their lengths along both axes."""
         x, y = (np.rint(_scaled(values, scale)) for values in self.points())
         ends = np.array(self._last, dtype=np.int64)
         if not len(ends):
-            return 0.0
+            return np.zeros(2)
         starts, after = np.append(0, ends[:-1] + 1), np.arange(1, len(x) + 1)
         after[ends] = starts
         # About each line's first corner, so that nothing is lost in large products.
         counts = np.diff(np.append(starts, len(x)))
         with np.errstate(over="ignore", invalid="ignore"):
             u, v = (values - np.repeat(values[starts], counts) for values in (x, y))
-            return float(np.abs(np.add.reduceat(u * v[after] - u[after] * v, starts)).sum()) / 2
+            areas = np.abs(np.add.reduceat(u * v[after] - u[after] * v, starts)) / 2
+            return np.array([areas.sum(), np.abs(u[after] - u).sum() + np.abs(v[after] - v).sum()])
 
     def repeated(self, scale: float) -> int:
         x, y = (np.rint(_scaled(values, scale)) for values in self.points())
