@@ -14,6 +14,7 @@ from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import AtFault, Faults, JobError, SourceError
+from maskfab.base.files import suffix_of
 from maskfab.base.model import Opening, Panel, Plate, Quantity, Tiling
 from maskfab.job.camera import Camera
 from maskfab.job.die import DieSection, check_seed, check_window
@@ -425,7 +426,7 @@ def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Pat
     if name in stated.openings:
         return opening_file.parse_opening(stated.openings[name], f"{path}: openings.{name}")
     source = path.parent / name
-    if die.opening_unit is not None and source.suffix.lower() != ".dxf":
+    if die.opening_unit is not None and suffix_of(source) != ".dxf":
         what = f"{source.name} is no DXF; only the unit of a DXF can be stated"
         raise JobError(
             "MF105", what, where=f"{where}.opening_unit", cure="State it of a DXF alone: other files state their own"

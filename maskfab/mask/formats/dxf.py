@@ -126,7 +126,8 @@ def _stated_unit(path: Path, data: bytes, unit_um: float | None) -> tuple[float,
         raise SourceError("MF308", f"{path.name} is binary DXF", where=str(path), cure="Save it as text DXF")
     if not _TEXT_DXF_START.match(data):
         raise wrong_kind(path, "DXF")
-    if data[-64:].split()[-2:] != [b"0", b"EOF"]:
+    # Some programs fill the last block of a file up, as for tapes and CP/M.
+    if data[-1024:].rstrip(b"\0\x1a \t\r\n").split()[-2:] != [b"0", b"EOF"]:
         raise damaged(path, "it ends without EOF")
     if unit_um is not None:
         return unit_um, "--unit"

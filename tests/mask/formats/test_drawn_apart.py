@@ -499,3 +499,11 @@ def test_a_cell_that_has_the_name_of_its_block_is_drawn_as_its_block_is(tmp_path
     layout, _ = fast(drawing(tmp_path / "x.dxf", draw))
     assert sorted(cell.name for cell in layout.each_cell()) == ["PART", "PART$0", "TOP"]
     assert layout.cell("PART").bbox() == db.Box(0, 0, 10_000, 10_000)
+
+
+@pytest.mark.parametrize("end", [b"\x1a", b"\r\n\x1a\0\0\0"])
+def test_a_last_block_that_is_filled_up_is_no_part_of_a_drawing(tmp_path, end):
+    for draw in (lambda m: m.add_circle((0, 0), 10, dxfattribs=ON_CLEAR), outlines(square(0, 0))):
+        path = drawing(tmp_path / "x.dxf", draw)
+        path.write_bytes(path.read_bytes() + end)
+        assert not region(read_layout(path), CLEAR).is_empty()
