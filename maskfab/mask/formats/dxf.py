@@ -85,6 +85,7 @@ _BLOCK = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*BLOCK[ \t]*\r?\n")
 # a polygon of its own, and only leaves lines alone that return to their start without being said to be closed.
 _POLYLINE_MODE = 2
 _BYTES_PER_SECOND = 1e5
+_NUMBERS = re.compile(r"L?(\d{1,6})(?:[D.](\d{1,6}))?")
 _CORNERS_PER_SECOND, _MEMORY_PER_CORNER = 200_000, 64
 _SAME_AREA, _OFF_GRID_NM = 1e-9, 1.5
 """Share by which equal sums of areas differ; and by how far two roundings of one corner."""
@@ -118,6 +119,13 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
         raise SourceError(error.code, error.what, where=error.where, cure=f"{error.cure}, or s{cure}") from None
     note_drawing(layout, replace(drawing_notes(layout) or seen.notes, unit_um=said_um, unit_said_by=said_by))
     return layout
+
+
+def _by_klayout(path: Path, unit_um: float | None = None) -> db.Layout:
+    """A text DXF as klayout alone has it, whatever it draws."""
+    data = path.read_bytes()
+    said_um, _ = _stated_unit(path, data, unit_um)
+    return _read_plain(path, said_um, look_through(path, data, said_um / DBU_UM))
 
 
 def _stated_unit(path: Path, data: bytes, unit_um: float | None) -> tuple[float, str]:
@@ -301,7 +309,8 @@ def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
     _close_lines(layout)
-    _refuse_other_areas(path, layout, seen)
+    if seen.plain:
+        _refuse_other_areas(path, layout, seen)
     number_layers(layout)
     note_rounding(layout, seen.rounding_nm)
     note_left_out(layout, LeftOut(seen.repeated_vertices, _drop_empty(layout)))
@@ -311,15 +320,21 @@ def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
 def _refuse_other_areas(path: Path, layout: db.Layout, seen: Seen) -> None:
     """Refuse a drawing of which klayout makes other areas than its text says. Raises SourceError MF316."""
     placed, top = placed_cells(layout), layout.top_cells()
+    found: dict[str, float] = defaultdict(float)
     for info in layout.layer_infos():
+        # Layers called like numbers lose their names: those are compared together.
+        name = info.name.upper() if info.name.upper() in seen.areas_nm2 else ""
         areas = drawn_areas(layout, layout.find_layer(info), placed)
-        found = sum(areas[cell.cell_index()] for cell in top)
-        said, length_nm = seen.areas_nm2.get(info.name.upper(), (0.0, 0.0))
+        found[name] += sum(areas[cell.cell_index()] for cell in top)
+    said = {name: both for name, both in seen.areas_nm2.items() if name in found}
+    rest = [both for name, both in seen.areas_nm2.items() if name not in found]
+    said[""] = sum(area for area, _ in rest), sum(length for _, length in rest)
+    for name, (area, length_nm) in said.items():
         rounded_nm2 = length_nm * _OFF_GRID_NM if seen.rounding_nm else 0.0
-        if abs(found - said) > _SAME_AREA * max(found, said) + rounded_nm2:
-            told = f"{said / NM_PER_UM**2:.9g} um^2 by its text and {found / NM_PER_UM**2:.9g} um^2 for klayout"
+        if abs(found[name] - area) > _SAME_AREA * max(found[name], area) + rounded_nm2:
+            told = f"{area / NM_PER_UM**2:.9g} um^2 by its text and {found[name] / NM_PER_UM**2:.9g} um^2 for klayout"
             cure = "Open it in the program that drew it, mend what its audit finds (AUDIT), and save it again"
-            what = f"{path.name} draws polygons of {told} on layer {info.name!r}"
+            what = f"{path.name} draws polygons of {told} on layer {name!r}"
             raise SourceError("MF316", what, where=str(path), cure=cure)
 
 
@@ -329,7 +344,7 @@ def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
     drawing: Drawing = read_apart(path, script, repr(nm_per_unit), kind=Drawing, seconds=seconds)
     _refuse_different(path, seen, drawing)
     plate = {layer.name: layer_info(layer) for layer in LAYERS}
-    named = [plate.get(name.upper(), db.LayerInfo(name)) for name in drawing.layers]
+    named = [plate.get(name.upper()) or _numbered(name, drawing.layers) for name in drawing.layers]
     # A circle of a few bytes has thousands of corners, which take their time.
     corners = sum(cell[1][0].size for cell in drawing.cells) // 2
     allow(corners / _CORNERS_PER_SECOND, _MEMORY_PER_CORNER * corners)
@@ -342,6 +357,19 @@ def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
     notes = replace(seen.notes, read_as=drawing.read_as, gap_nm=drawing.gap_nm)
     note_drawing(layout, replace(notes, faults=_faults(path, layout, seen, drawing.faults)))
     return layout
+
+
+def _numbered(name: str, names: Sequence[str]) -> db.LayerInfo:
+    """A layer with the numbers that klayout gives one of its name, if no other has them."""
+
+    def numbers(of: str) -> tuple[int, int] | None:
+        told = _NUMBERS.fullmatch(of)
+        return None if told is None else (int(told[1]), int(told[2] or 0))
+
+    own = numbers(name)
+    if own is None or sum(numbers(other) == own for other in names) > 1:
+        return db.LayerInfo(name)
+    return db.LayerInfo(*own, name)
 
 
 def _refuse_different(path: Path, seen: Seen, drawing: Drawing) -> None:
@@ -614,7 +642,7 @@ def _format(name: FileFormat, version: Version) -> Format:
         f"_{version}.dxf",
         write_plate=write,
         read=read_dxf,
-        readers=(("klayout", read_dxf),),
+        readers=(("klayout", _by_klayout),),
         suffixes=(".dxf",),
         layers="named",
         notes=True,

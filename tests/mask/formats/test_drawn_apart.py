@@ -507,3 +507,14 @@ def test_a_last_block_that_is_filled_up_is_no_part_of_a_drawing(tmp_path, end):
         path = drawing(tmp_path / "x.dxf", draw)
         path.write_bytes(path.read_bytes() + end)
         assert not region(read_layout(path), CLEAR).is_empty()
+
+
+@pytest.mark.parametrize("name", ["7", "L7", "L7D0", "0"])
+def test_a_layer_called_like_a_number_is_found_by_it_however_it_is_read(tmp_path, name):
+    on = {"layer": name}
+    plain = drawing(tmp_path / "a.dxf", lambda m: m.add_lwpolyline(square(0, 0), close=True, dxfattribs=on))
+    apart = drawing(tmp_path / "b.dxf", lines(*square(0, 0), (0, 0), attributes=on))
+    for layout in map(read_layout, (plain, apart)):
+        number = "0" if name == "0" else "7"
+        assert region(layout, find_layer(layout, number)).area() / UM2 == 100
+        assert region(layout, find_layer(layout, f"{number}/0")).area() / UM2 == 100
