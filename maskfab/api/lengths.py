@@ -6,14 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.errors import JobError
 from maskfab.base.units import UM_PER_UNIT, parse_length_um, parse_wavelength_nm
-from maskfab.job.values import AnySection, length_keys, sections_of, um_text
+from maskfab.job.values import AnySection, DrawingUnit, length_keys, sections_of, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""
@@ -60,7 +60,7 @@ _MEANT = ("mm", "um", "m", "nm", "cm", "in", "mil")
 """Units that a number may have been meant in, the likeliest first."""
 
 
-_DRAWING_UNITS = ("nm", "um", "mm", "mil", "in")
+_DRAWING_UNITS = get_args(DrawingUnit)
 
 
 def length_text(value: object, of: str = "", where: str = "") -> object:

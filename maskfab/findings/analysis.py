@@ -20,6 +20,7 @@ from maskfab.base.model import CLEAR, Die, Mtf, Opening, Panel, Plate, Psf, Quan
 from maskfab.base.processes import release_memory
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, one_thread, silent
+from maskfab.findings.drawings import drawing_quantities, parity_quantities
 from maskfab.findings.optics import (
     INVARIANT_LIMIT_ROUND,
     READBACK_ERROR,
@@ -38,6 +39,7 @@ from maskfab.job.sections import SceneSection
 from maskfab.job.values import is_table
 from maskfab.mask import opening_file
 from maskfab.mask.formats.content import find_cell, find_layer, moved_nm
+from maskfab.mask.formats.drawing import drawing_notes
 from maskfab.mask.formats.gdsii import read_oasis, write_oasis
 from maskfab.mask.layout import plate_layout, region
 from maskfab.mask.panels import check_cover, check_panel_size
@@ -298,11 +300,13 @@ def _analyse_mask(
     path: Path, request: Request, progress: Progress
 ) -> tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]:
     camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
-    name, area, off, lattice, outline, pupil, lit = _see(path, request, leak)
+    name, area, lattice, outline, pupil, lit, told = _see(path, request, leak)
     release_memory()
     method = "area of the file's polygons inside the stop over the stop's"
     header = (
-        metrics.stop_open_ratio(area, camera, None, method + (", curves and corners moved" if off else ""), off),
+        metrics.stop_open_ratio(
+            area, camera, None, method + (", curves and corners moved" if told.off_um2 else ""), told.off_um2
+        ),
         metrics.mtf_volume(lit.table, area, None, INVARIANT_LIMIT_ROUND, leak),
     )
 
@@ -314,41 +318,55 @@ def _analyse_mask(
     del lit, outline
     release_memory()
     bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
-    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar)
+    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar, *told.quantities)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Notes on how a mask file was read.
+
+    Attributes:
+        moved_nm: distance of its outlines from the file's, at most.
+        off_um2: bound of the error of what is clear before the stop, by the length of all outlines there.
+    """
+
+    quantities: tuple[Quantity, ...]
+    moved_nm: float
+    off_um2: float = 0.0
 
 
 def _see(
     path: Path, request: Request, leak: Leak | None
-) -> tuple[str, float, float, Lattice, Boundary, Pupil, LitPupils]:
-    """Name, open area, its error and lattice of a mask file, the outline of what is clear in the stop, its pupil, lit.
+) -> tuple[str, float, Lattice, Boundary, Pupil, LitPupils, _Told]:
+    """Name, open area and lattice of a mask file, the outline of what is clear in the stop, and its pupil, lit.
 
     Polygons, edges and aperture, then outline and lags take more memory than all after them, and go when used.
     """
-    name, edges, area, off, lattice, aperture, lags = _draw(path, request, outlined=leak is None)
+    name, edges, area, lattice, aperture, lags, told = _draw(path, request, outlined=leak is None)
     release_memory()
     camera = request.camera
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
     pupil = cut(aperture, camera.stop)
     del edges, aperture
-    return name, area, off, lattice, outline, pupil, lit_pupils(pupil, leak, camera, lags)
+    return name, area, lattice, outline, pupil, lit_pupils(pupil, leak, camera, lags), told
 
 
 def _draw(
     path: Path, request: Request, *, outlined: bool
-) -> tuple[str, NDArray[np.float64], float, float, Lattice, Aperture, OutlineLags | None]:
+) -> tuple[str, NDArray[np.float64], float, Lattice, Aperture, OutlineLags | None, _Told]:
     """A mask file as far as the stop sees it.
 
     The name of the cell, edges [n, 4] as of :func:`maskfab.optics.stop_edges.edges_in_stop`, the clear area before the
-    stop in um^2, a bound of its error by what was moved on reading, and the grid of the aperture with the clear shares
-    of its dots; last, if ``outlined``, lags of polygons that are not too many and lie on no grid. The polygons
-    themselves, which take more memory than all else, are gone.
+    stop in um^2, and the grid of the aperture with the clear shares of its dots; then, if ``outlined``, lags of
+    polygons that are not too many and lie on no grid; last, notes on how it was read. The polygons themselves, which
+    take more memory than all else, are gone.
     """
     dots = _dots(request)
-    name, layer, inside, moved = _polygons(path, request)
+    name, layer, inside, told = _polygons(path, request)
     camera, stop = request.camera, request.camera.stop
     apart = not inside.merged_semantics
     edges, area = edges_in_stop(inside, stop, (0.0, 0.0), apart=apart)
-    off_um2 = inside.perimeter() * moved / NM_PER_UM**2
+    told = replace(told, off_um2=inside.perimeter() * told.moved_nm / NM_PER_UM**2)
     if area <= 0:
         what = f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry"
         cure = "Name another --cell or --layer, or use a larger --stop"
@@ -360,19 +378,20 @@ def _draw(
     check_optics(camera, lattice.dot_um, where=str(path))
     aperture = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0), apart=apart)
     if not outlined or (not slanted and twice <= set(np.rint(2 * NM_PER_UM * lattice.edges_um()).astype(int).tolist())):
-        return name, edges, area, off_um2, lattice, aperture, None
+        return name, edges, area, lattice, aperture, None, told
     lags = outline_lags(inside, stop, (0.0, 0.0), edges, area, outline_coverage)
-    return name, edges, area, off_um2, lattice, aperture, lags
+    return name, edges, area, lattice, aperture, lags, told
 
 
-def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region, float]:
-    """Cell, layer, their polygons as far as a stop in the middle of all sees them, and by how many nm they were moved.
+def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region, _Told]:
+    """Cell, layer, and their polygons as far as a stop in the middle of all sees them, about that middle.
 
-    They are merged, or have no merged semantics because they lie apart.
+    They are merged, or have no merged semantics because they lie apart. And how the file was read.
     """
     from maskfab.mask.formats.table import read_layout
 
     layout = read_layout(path, request.unit_um)
+    told = _Told(tuple(drawing_quantities(layout, path.name)), moved_nm(layout))
     try:
         cell = find_cell(layout, request.cell)
         layer = find_layer(layout, request.layer)
@@ -393,7 +412,9 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     )
     drawn.move(-centre[0], -centre[1])
     drawn.merged_semantics = False
-    return cell.name, layer, drawn if _lie_apart(drawn) else _merged(drawn, path), moved_nm(layout)
+    if drawing_notes(layout) is not None:
+        told = replace(told, quantities=(*told.quantities, *parity_quantities(drawn, path.name)))
+    return cell.name, layer, drawn if _lie_apart(drawn) else _merged(drawn, path), told
 
 
 def _merged(drawn: db.Region, path: Path) -> db.Region:

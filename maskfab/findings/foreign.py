@@ -19,6 +19,7 @@ from maskfab.base.files import suffix_of
 from maskfab.base.model import CLEAR, Box, Die, Mtf, Plate, Quantity
 from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
+from maskfab.findings.drawings import drawing_quantities
 from maskfab.findings.optics import (
     INVARIANT_LIMIT_ROUND,
     READBACK_LIMIT,
@@ -420,10 +421,11 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     is_dxf = suffix_of(path) == ".dxf"
     method = f"largest distance of a coordinate of {name} to the grid{steps_off_grid(read)}"
     yield Quantity("rounding", rounding_nm(read), method)
+    yield from drawing_quantities(read, name)
     for what, count, method, wrong in (
         ("empty_polygons", noted.empty_polygons, f"polygons of {name} without area", True),
         ("repeated_vertices", noted.repeated_vertices, f"vertices of {name} that repeat the one before", True),
-        ("approximated_curves", noted.curves, f"circles of {name} made polygons within 1 nm", False),
+        ("approximated_curves", noted.curves, f"curves of {name} made polygons within 1 nm", False),
         ("texts", noted.texts, f"texts of {name} on its clear layer, of which a mask shows nothing", is_dxf),
         ("grey_pixels", noted.grey_pixels, f"pixels of {name} that are neither black nor white", True),
     ):

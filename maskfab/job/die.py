@@ -13,7 +13,7 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Tiling
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
-from maskfab.job.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Section
+from maskfab.job.values import DrawingUnit, DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Section
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
@@ -34,6 +34,8 @@ class DieSection(Section):
     """Layer that holds the opening, in a layout file."""
     opening_cell: str | None = None
     """Cell that holds the opening, in a layout file."""
+    opening_unit: DrawingUnit | None = None
+    """One unit of a DXF; default: what it states itself, else um."""
     others: Annotated[tuple[str, ...], Field(min_length=1, max_length=14, strict=False)] | None = None
     """Further openings; every cell draws one of all."""
     dot: Length

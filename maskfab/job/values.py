@@ -194,6 +194,9 @@ ShopFormat: TypeAlias = Literal[Layout, "gerber", "cif", PlateBitmap]
 SHOP_FORMATS: tuple[ShopFormat, ...] = get_args(ShopFormat)
 """Formats that mask houses may take."""
 
+DrawingUnit: TypeAlias = Literal["nm", "um", "mm", "mil", "in"]
+"""Of a DXF, which need not say it."""
+
 FileFormat: TypeAlias = Literal[Layout, "gerber", "cif", "svg", Solid, Picture, "exr", PlateBitmap]
 """Formats by their names in a job; the file of each in :mod:`maskfab.mask.formats` says all else of it."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from maskfab.base import provenance, units
 from maskfab.base.cell_size import CellSize
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import AtFault, Faults, JobError, SourceError
+from maskfab.base.files import suffix_of
 from maskfab.base.model import Opening, Panel, Plate, Quantity, Tiling
 from maskfab.job.camera import Camera
 from maskfab.job.die import DieSection, check_seed, check_window
@@ -391,7 +393,7 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
 def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
     first, *others = (opening.name for opening in held)
     names = {"opening": first, "others": tuple(others) or None}
-    return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
+    return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None, "opening_unit": None})
 
 
 def check_die_grid(
@@ -424,14 +426,20 @@ def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Pat
     if name in stated.openings:
         return opening_file.parse_opening(stated.openings[name], f"{path}: openings.{name}")
     source = path.parent / name
+    if die.opening_unit is not None and suffix_of(source) != ".dxf":
+        what = f"{source.name} is no DXF; only the unit of a DXF can be stated"
+        raise JobError(
+            "MF105", what, where=f"{where}.opening_unit", cure="State it of a DXF alone: other files state their own"
+        )
     if source.suffix.lower() == ".toml":
         return opening_file.load_opening(source)
     dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     dots = None if die.pitch is None else CellSize.filling(die.pitch, dot_nm, units.to_nm(die.gutter)).dots
+    unit_um = None if die.opening_unit is None else units.UM_PER_UNIT[die.opening_unit]
     try:
         return opening_file.load_opening(
-            source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell
+            source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell, unit_um=unit_um
         )
     except SourceError as error:
-        error.reword(lambda text: text.replace("--layer", "opening_layer").replace("--cell", "opening_cell"))
+        error.reword(lambda text: re.sub(r"--(layer|cell|unit)\b", r"opening_\1", text))
         raise

@@ -279,6 +279,7 @@ def _of_polygons(
     path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None
 ) -> Mask:
     from maskfab.mask.formats.content import find_cell, find_layer, rounding_nm
+    from maskfab.mask.formats.drawing import drawing_notes
     from maskfab.mask.formats.table import read_layout
     from maskfab.mask.layout import region
     from maskfab.mask.raster import coverage
@@ -292,6 +293,9 @@ def _of_polygons(
     if clear.is_empty():
         raise SourceError("MF309", "the layer has no polygons", where=where, cure="Name the layer that is clear")
     cure = f"Draw it on a grid of {dot_nm / NM_PER_UM:g} um, or state the dots and dot_nm that it was drawn with"
+    notes = drawing_notes(layout)
+    if notes is not None and not notes.unit_said_by:
+        cure += f"; it states no unit, and one was taken for {notes.unit_um:g} um: state its unit"
     if rounding_nm(layout) > 0:
         what = f"a corner is {rounding_nm(layout):.3g} nm off the grid of 1 nm"
         raise OpeningError("MF205", what, where=where, cure=cure)
@@ -304,8 +308,7 @@ def _of_polygons(
             f"the polygons span x {box.left} to {box.right} nm, y {box.bottom} to {box.top} nm; {dots} dots of "
             f"{dot_nm} nm span {corner} to {corner + pitch_nm} nm",
             where=where,
-            cure="State the dots and dot_nm it was drawn with; put the pixel's lower left corner or centre at the "
-            "origin",
+            cure=f"{cure}; put the pixel's lower left corner or centre at the origin",
         )
     points = np.array([(edge.x1, edge.y1) for polygon in clear.each() for edge in polygon.each_edge()])
     rest = (points - corner) % dot_nm

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 from klayout import db
@@ -12,6 +13,7 @@ from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, loo
 
 import maskfab as mf
 from maskfab.base.errors import CATALOGUE
+from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import load_opening
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
@@ -508,6 +510,18 @@ def test_polygons_off_the_dot_grid_are_refused(capsys, tmp_path, gds):
     keys = f'opening = "{gds.name}"\nopening_cell = "ONE"'
     job = write_job(tmp_path, (OPENING_KEY, keys), (PITCH, 'dot = "7 um"\npitch = "49 um"'))
     refused_run(capsys, tmp_path, job, "MF205", "7 um")
+
+
+def test_a_job_states_the_unit_of_a_drawing_that_does_not(capsys, tmp_path):
+    drawing = ezdxf.new("R2010", units=0)
+    drawing.modelspace().add_lwpolyline([(0, 0), (0.008, 0), (0.008, 0.008), (0, 0.008)], close=True)
+    drawing.saveas(tmp_path / "x.dxf")
+    job = write_job(tmp_path, (OPENING_KEY, 'opening = "x.dxf"'))
+    refused_run(capsys, tmp_path, job, "MF205", "one was taken for 1 um")
+    job = write_job(tmp_path, (OPENING_KEY, 'opening = "x.dxf"\nopening_unit = "mm"'))
+    assert 1 in {opening.clear_dots for (opening,) in load_job(job).openings.values()}
+    job = write_job(tmp_path, (OPENING_KEY, f'{OPENING_KEY}\nopening_unit = "mm"'))
+    refused_run(capsys, tmp_path, job, "MF105", "is no DXF")
 
 
 KINDS = ["png", "npy", "txt", "gds", "oas", "dxf", "tif", "exr"]

@@ -21,7 +21,8 @@ from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR, LAYERS, Layer, Plate, Quantity
 from maskfab.base.units import NM_PER_UM, UM_PER_UNIT
 from maskfab.mask.figures import CUT
-from maskfab.mask.formats.content import drawn_unit_um, find_cell, find_layer, layer_label, layer_names
+from maskfab.mask.formats.content import find_cell, find_layer, layer_label, layer_names
+from maskfab.mask.formats.drawing import drawn_unit_um
 from maskfab.mask.layout import clear_box, count_texts, layer_info, left_out, note_left_out, region, weight
 
 UNLIKE = 0.5

@@ -19,6 +19,7 @@ from klayout import db
 from maskfab.base.arrays import Floats, Ints
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR, LAYERS
+from maskfab.mask.formats.drawing import drawing_notes, drawn_unit_um, faulty_layers, refuse_faulty
 from maskfab.mask.layout import (
     DBU_UM,
     ROUNDING_KEY,
@@ -46,9 +47,6 @@ _STEP_NM = 1e-3
 
 _STEPS_KEY = "maskfab_steps"
 
-UNIT_KEY = "maskfab_unit_um"
-"""Entry of a layout that holds the unit its drawing was read in, in micrometres."""
-
 
 def listed(names: Sequence[str], most: int = 12) -> str:
     """The first names of many."""
@@ -71,15 +69,12 @@ def steps_off_grid(layout: db.Layout) -> str:
 
 
 def moved_nm(layout: db.Layout) -> float:
-    """Distance of an outline from the one that a file draws, at most: by rounding, and by chords of what is round."""
-    rounded = math.sqrt(2) * rounding_nm(layout)
-    return _FROM_CURVE_NM + max(rounded, math.sqrt(0.5)) if left_out(layout).curves else rounded
-
-
-def drawn_unit_um(layout: db.Layout) -> float | None:
-    """The unit that a DXF was read in; None of files of other kinds."""
-    stated = layout.meta_info_value(UNIT_KEY)
-    return None if stated is None else float(stated)
+    """Distance of an outline from the one that a file draws, at most: by rounding, by chords of what is round, and by
+    gaps that were closed."""
+    rounded, notes = math.sqrt(2) * rounding_nm(layout), drawing_notes(layout)
+    if left_out(layout).curves:
+        rounded = _FROM_CURVE_NM + max(rounded, math.sqrt(0.5))
+    return rounded + (0.0 if notes is None else notes.gap_nm)
 
 
 def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
@@ -106,12 +101,25 @@ def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
 def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
     """The layer that is meant by ``"1/0"``, ``"1"`` (datatype 0) or a DXF layer's name.
 
-    None stands for 1/0, or CLEAR in DXF, if that holds shapes, and else for the only layer that does.
+    None stands for 1/0, or CLEAR in DXF, if that holds shapes, and else for the only layer that does. Names of DXF are
+    the same in capitals and small letters.
 
     Raises:
-        SourceError: MF306, with the layers that are there, if the layer is not or if None could mean several.
+        SourceError: MF306, with the layers that are there, if the layer is not or if None could mean several; MF310,
+            MF311 or MF317 for one of a drawing of which not all can be read.
     """
-    used = [info for info in sorted(layout.layer_infos(), key=layer_label) if _has_shapes(layout, info)]
+    info = _found_layer(layout, layer)
+    refuse_faulty(layout, info)
+    return info
+
+
+def _found_layer(layout: db.Layout, layer: str | None) -> db.LayerInfo:
+    faulty = faulty_layers(layout)
+    used = [
+        info
+        for info in sorted(layout.layer_infos(), key=layer_label)
+        if has_shapes(layout, info) or info.name.upper() in faulty
+    ]
     there = listed([layer_label(info) for info in used]) or "none with shapes"
     if layer is None:
         clear = layer_info(CLEAR)
@@ -120,8 +128,9 @@ def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
             return (usual or used)[0]
         what = f"the layout has no layer {layer_label(clear)}; layers: {there}"
         raise SourceError("MF306", what, cure="Give --layer one of these")
+    drawn = drawn_unit_um(layout) is not None
     for info in layout.layer_infos():
-        if layer in layer_names(info):
+        if layer in layer_names(info) or (drawn and layer.upper() == info.name.upper()):
             return info
     raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Give --layer one of these")
 
@@ -142,7 +151,8 @@ def layer_label(info: db.LayerInfo) -> str:
     return " ".join(part for part in (numbers, info.name) if part)
 
 
-def _has_shapes(layout: db.Layout, info: db.LayerInfo) -> bool:
+def has_shapes(layout: db.Layout, info: db.LayerInfo) -> bool:
+    """Whether anything lies on a layer, in whatever cell."""
     index = layout.find_layer(info)
     return any(not cell.shapes(index).is_empty() for cell in layout.each_cell())
 
@@ -167,11 +177,11 @@ def read_with_klayout(path: Path, options: db.LoadLayoutOptions, content: bytes 
 
 
 def number_layers(layout: db.Layout) -> None:
-    """Give layers that have the name of one of the plate's, and no more, its numbers."""
-    for layer in LAYERS:
-        index = layout.find_layer(db.LayerInfo(layer.name))
-        if index is not None:
-            layout.set_info(index, layer_info(layer))
+    """Give layers that have the name of one of the plate's, in whatever letters, and no more, its numbers."""
+    plate = {layer.name: layer for layer in LAYERS}
+    for info in layout.layer_infos():
+        if info.is_named() and info.name.upper() in plate:
+            layout.set_info(layout.find_layer(info), layer_info(plate[info.name.upper()]))
 
 
 class Conversion:

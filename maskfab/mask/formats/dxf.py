@@ -1,21 +1,21 @@
-"""DXF read by klayout, once its entities have shown that nothing is left out, hidden or taken for what it is not.
+"""DXF read by klayout where it holds polygons and shifted blocks alone, and else by ezdxf in a process of its own.
 
-Readers of DXF turn arcs into chords, leave splines out, take open lines for paths without width, and round to their
-grid, each without a word. A plot shows paper space or the model but not both, and neither frozen layers nor what is
-invisible; readers take all of it for one drawing, and look at shapes that stand upright from the side. A mask has
-polygons only, in model space, in its plane and in sight: other drawings are refused and named. Entities are found in
-the bytes of the text, fast enough for any plate, and with them the offsets of coordinates from the nanometre grid.
+Readers of DXF turn arcs into chords as coarse as they like, leave splines out, take open lines for paths without width,
+place blocks of unequal scales by one of them, and round to their grid, each without a word. So entities are found in
+the bytes of the text first, fast enough for any plate: what is out of sight, and whether there is anything that klayout
+might take for what it is not. Such drawings are read by :mod:`maskfab.mask.formats.dxf_process`, and both readers must
+have found as many entities.
 
 Written by :mod:`maskfab.mask.formats.dxf_writer`, which loads ezdxf.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -24,11 +24,23 @@ from klayout import db
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import SourceError
-from maskfab.base.model import CHROME, CLEAR
-from maskfab.base.units import UM_PER_INCH, UM_PER_UNIT
+from maskfab.base.model import CHROME, CLEAR, LAYERS
+from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import FileFormat
-from maskfab.mask.formats.content import UNIT_KEY, note_rounding, number_layers, read_with_klayout
+from maskfab.mask.formats.content import (
+    Conversion,
+    has_shapes,
+    listed,
+    note_rounding,
+    number_layers,
+    read_with_klayout,
+    rounding_nm,
+)
+from maskfab.mask.formats.drawing import DrawingNotes, LayerFault, ReadAs, drawing_notes, note_drawing
+from maskfab.mask.formats.dxf_process import PASSED_OVER, Drawing, Fault
+from maskfab.mask.formats.dxf_scan import Entity, Unseen, entities
 from maskfab.mask.formats.format import Format, Source, Version
+from maskfab.mask.formats.gdstk_process import cell_content
 from maskfab.mask.layout import (
     DBU_UM,
     MOST_CELLS,
@@ -36,12 +48,17 @@ from maskfab.mask.layout import (
     LeftOut,
     check_limits,
     count_shapes,
+    drawn_areas,
     is_empty,
+    layer_info,
+    left_out,
     note_left_out,
+    placed_cells,
     too_many_cells,
     too_many_layers,
 )
-from maskfab.mask.sandbox import damaged, wrong_kind
+from maskfab.mask.process_limits import allow
+from maskfab.mask.sandbox import PATIENCE_S, damaged, read_apart, unusable, wrong_kind
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
 _UM_PER_DXF_UNIT = {
@@ -58,60 +75,358 @@ _UM_PER_DXF_UNIT = {
 # Comments (group 999) may come before the first section.
 _TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0\s*\r?\n\s*SECTION\s*\r?\n")
 # R12 has no unit; a drawing of maskfab's own says it in its first comment.
-_DRAWN_IN_MM = re.compile(rb"\s*999[ \t]*\r?\nUnits: 1 drawing unit = 1 millimetre\r?\n")
+_OWN_UNIT = re.compile(rb"\s*999[ \t]*\r?\nUnits: 1 drawing unit = 1 (micro|milli)metre\r?\n")
 _BINARY_DXF_MAGIC = b"AutoCAD Binary DXF"
+_HEADED = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*HEADER")
 _BLOCK = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*BLOCK[ \t]*\r?\n")
 
 # klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
 # modes 3 and 4 take what two polygons share, or one has within another, away from both. Mode 2 makes each closed line
 # a polygon of its own, and only leaves lines alone that return to their start without being said to be closed.
 _POLYLINE_MODE = 2
+_BYTES_PER_SECOND = 1e5
+_NUMBERS = re.compile(r"L?(\d{1,6})(?:[D.](\d{1,6}))?")
+_CORNERS_PER_SECOND, _MEMORY_PER_CORNER = 200_000, 64
+_SAME_AREA, _OFF_GRID_NM = 1e-9, 1.5
+"""Share by which equal sums of areas differ; and by how far two roundings of one corner."""
 
 
 def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     """A text DXF as a layout; arguments and errors as of :func:`maskfab.mask.formats.table.read_layout`."""
     data = path.read_bytes()
-    said = _checked_dxf_unit(path, data)
+    said_um, said_by = _stated_unit(path, data, unit_um)
     if any(count > MOST_CELLS for count, _ in enumerate(_BLOCK.finditer(data), 1)):
         raise too_many_cells(path)
-    if unit_um is None:
-        if said and said not in _UM_PER_DXF_UNIT:
-            what = f"{path.name} is drawn in unit {said} of $INSUNITS"
-            raise SourceError("MF308", what, where=str(path), cure="Draw it in mm or um, or state its --unit")
-        unit_um = _UM_PER_DXF_UNIT.get(said, 1.0)
-    rounding_nm, repeated_vertices = look_through(path, data, unit_um / DBU_UM)
+    seen = look_through(path, data, said_um / DBU_UM)
+    del data
+    cure = f"tate its --unit: it is read in units of {said_um:g} um"
+    try:
+        layout = _read_plain(path, said_um, seen) if seen.plain else _read_apart(path, said_um / DBU_UM, seen)
+    except SourceError as error:
+        if "overflow" not in error.what and "2.1 m" not in error.what:
+            raise
+        raise SourceError("MF313", f"{path.name} reaches beyond 2.1 m", where=str(path), cure=f"S{cure}") from error
+    empty = left_out(layout).empty_polygons
+    if empty and count_shapes(layout) == 0:
+        what = f"{path.name}: none of its {empty} polygons has an area once they are rounded to the nanometre"
+        raise SourceError("MF309", what, where=str(path), cure=f"S{cure}")
+    try:
+        check_limits(layout, path)
+    except SourceError as error:
+        if error.code == "MF312" and rounding_nm(layout) == 0:
+            raise
+        # Too large, or crossing itself once it is rounded to the grid: that is what a wrong unit looks like.
+        raise SourceError(error.code, error.what, where=error.where, cure=f"{error.cure}, or s{cure}") from None
+    note_drawing(layout, replace(drawing_notes(layout) or seen.notes, unit_um=said_um, unit_said_by=said_by))
+    return layout
+
+
+def _by_klayout(path: Path, unit_um: float | None = None) -> db.Layout:
+    """A text DXF as klayout alone has it, whatever it draws."""
+    data = path.read_bytes()
+    said_um, _ = _stated_unit(path, data, unit_um)
+    return _read_plain(path, said_um, look_through(path, data, said_um / DBU_UM))
+
+
+def _stated_unit(path: Path, data: bytes, unit_um: float | None) -> tuple[float, str]:
+    """Micrometres of a unit of a text DXF that begins with a section and ends with EOF, and who states that."""
+    if data.startswith(_BINARY_DXF_MAGIC):
+        raise SourceError("MF308", f"{path.name} is binary DXF", where=str(path), cure="Save it as text DXF")
+    if not _TEXT_DXF_START.match(data):
+        raise wrong_kind(path, "DXF")
+    # Some programs fill the last block of a file up, as for tapes and CP/M.
+    if data[-1024:].rstrip(b"\0\x1a \t\r\n").split()[-2:] != [b"0", b"EOF"]:
+        raise damaged(path, "it ends without EOF")
+    if unit_um is not None:
+        return unit_um, "--unit"
+    found = re.search(rb"\$INSUNITS\s+70\s+(\d{1,4})\s", data[: data.find(b"ENDSEC")])
+    said = 0 if found is None else int(found[1])
+    if said in _UM_PER_DXF_UNIT:
+        return _UM_PER_DXF_UNIT[said], "$INSUNITS"
+    if said:
+        what = f"{path.name} is drawn in unit {said} of $INSUNITS"
+        raise SourceError("MF308", what, where=str(path), cure="Draw it in mm or um, or state its --unit")
+    own = _OWN_UNIT.match(data)
+    return (1.0, "") if own is None else (1e3 if own[1] == b"milli" else 1.0, "its first comment")
+
+
+# --- what the text of a drawing shows --------------------------------------------------------------------------------
+
+_LINES = {"POLYLINE", "LWPOLYLINE"}
+_SHAPELESS = {
+    "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "VERTEX", "SEQEND", "BLOCK", "ENDBLK", "SECTION", "ENDSEC", "VIEWPORT",
+}  # fmt: skip
+_HARMLESS = _SHAPELESS | {"SOLID"}
+# Shapes on layer 0 of a block are drawn on the layer of its reference, and those on CUT may be taken out of CLEAR.
+_DATA = {CLEAR.name, CHROME.name}
+_COUNTING = {*_DATA, "CUT", "0"}
+_CLOSED = 1
+_PAPER = frozenset({b"67"})
+_TILTING = frozenset({b"210", b"220", b"230"})
+_TURNING = _TILTING | {b"41", b"42", b"50", b"102"}
+"""Attributes that place a block at another scale or angle, or clip it by what a dictionary says."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A drawing by the text of its entities.
+
+    Attributes:
+        plain: whether it has polygons and shifted blocks alone.
+        rounding_nm: of a plain one, the largest distance by which klayout moves a coordinate to the nanometre grid.
+        repeated_vertices: that then repeat the one before; klayout reports neither.
+        clear_drawn: whether something lies on a layer that a plate writes, so that others do not count.
+        hidden: layers, and what lies out of sight there, in words.
+        kinds: number of entities by the block, in capitals, that they are drawn in, and by kind; without paper space.
+        notes: what became of them, of a plain one.
+        areas_nm2: of a plain one, the sums of areas and of lengths (nm) on each layer, every reference followed.
+    """
+
+    plain: bool
+    rounding_nm: float
+    repeated_vertices: int
+    clear_drawn: bool
+    hidden: tuple[tuple[str, str], ...]
+    kinds: Counter[tuple[str, str]]
+    notes: DrawingNotes
+    areas_nm2: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def counts(self, layer: str) -> bool:
+        """Whether a layer is one that matters."""
+        return not self.clear_drawn or layer.upper() in _COUNTING
+
+
+def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
+    """Look at the entities of a drawing before anything reads it.
+
+    Args:
+        nm_per_unit: length of one unit of the drawing.
+
+    Raises:
+        SourceError: MF303 blocks that contain themselves or are lacking, MF313 too many layers, MF317 shapes in paper
+            space, on frozen layers, invisible, or out of the plane, on layers that count if some is CLEAR.
+    """
+    clear_drawn = False
+    start = _TEXT_DXF_START.match(data)
+    plain = start is not None and _HEADED.match(data, start.end()) is not None
+    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
+    drawn, kinds = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+    for entity in entities(data):
+        is_entry = entity.kind == "LAYER"
+        layers.add(entity.text(2) if is_entry else entity.layer)
+        if len(layers) > MOST_LAYERS:
+            raise too_many_layers(path)
+        if is_entry:
+            unseen.add_layer(entity)
+            continue
+        copies = 1 + len(entity.copies) // 2
+        drawn[entity.kind, entity.layer] += copies
+        if not entity.says(_PAPER) or entity.number(67) != 1:
+            kinds[(entity.block or "").upper(), entity.kind] += copies
+        if entity.kind not in _SHAPELESS:
+            unseen.add(entity)
+            clear_drawn = clear_drawn or entity.layer.upper() in _DATA
+        plain = plain and _is_plain(entity)
+        grid.add(entity)
+    _refuse_blocks(path, grid)
+    read_as = tuple(
+        ReadAs(kind, layer, "" if kind in PASSED_OVER else "polygons", count)
+        for (kind, layer), count in sorted(drawn.items())
+        if kind in PASSED_OVER or kind in _LINES or kind == "SOLID"
+    )
+    seen = Seen(plain, 0.0, 0, clear_drawn, (), kinds, DrawingNotes(0.0, "", read_as))
+    hidden = tuple(unseen.hidden_shapes(grid.drawing(seen.counts)))
+    if seen.clear_drawn and (counting := [what for layer, what in hidden if seen.counts(layer)]):
+        raise _unseen(path, counting)
+    names = [*layers, *grid.names()]
+    if (
+        hidden
+        or not grid.exact()
+        or len({name.upper() for name in names}) < len({*names})
+        or not all(map(_is_plain_name, names))
+    ):
+        plain = False
+    if not plain:
+        return replace(seen, plain=False, hidden=hidden)
+    return replace(
+        seen,
+        rounding_nm=grid.rounding_nm(seen.counts),
+        repeated_vertices=grid.repeated_vertices(seen.counts),
+        areas_nm2=grid.areas(),
+    )
+
+
+def _is_plain(entity: Entity) -> bool:
+    if entity.kind == "INSERT":
+        return not entity.says(_TURNING) or _is_shifted(entity)
+    if entity.kind not in _LINES:
+        return entity.kind in _HARMLESS and not entity.says(_TILTING)
+    if entity.says(_TILTING) or not entity.plain_line:
+        return False
+    flags = int(entity.number(70))
+    # Lines of 128 dash across their corners, which shows in dashes alone.
+    return not flags & ~(_CLOSED | 128) and (bool(flags & _CLOSED) or _returns(entity))
+
+
+def _is_shifted(entity: Entity) -> bool:
+    turned = entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0
+    return not turned and entity.number(41, 1.0) == entity.number(42, 1.0) == 1
+
+
+def _is_plain_name(name: str) -> bool:
+    """Whether all readers take a name for the same: ASCII, and no code of a character."""
+    return name.isascii() and "\\U+" not in name.upper()
+
+
+def _refuse_blocks(path: Path, grid: DrawingGrid) -> None:
+    cycle, lacking = grid.cycle(), grid.lacking()
+    if cycle:
+        through = f", through {', '.join(repr(name) for name in cycle[1:-1])}" if len(cycle) > 2 else ""
+        what, cure = f"block {cycle[0]!r} contains itself{through}", "Take one of these references out"
+    elif lacking:
+        what = f"it places blocks that it lacks: {', '.join(lacking[:12])}"
+        cure = "Write it again with every block that it places, and those of other files bound to it (XREF, Bind)"
+    else:
+        return
+    raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure=cure)
+
+
+def _returns(entity: Entity) -> bool:
+    """Whether a line ends where it began, which closes it as well as its flag does."""
+    xs, ys = entity.points()
+    return len(xs) > 3 and len(ys) == len(xs) and (xs[0], ys[0]) == (xs[-1], ys[-1])
+
+
+# --- both ways to read it --------------------------------------------------------------------------------------------
+
+
+def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     options = db.LoadLayoutOptions()
     options.dxf_dbu = DBU_UM
     options.dxf_unit = unit_um
     options.dxf_polyline_mode = _POLYLINE_MODE
-    in_units = f"is read in units of {unit_um:g} um"
-    try:
-        layout = read_with_klayout(path, options)
-    except SourceError as error:
-        if "overflow" not in error.what:
-            raise
-        what = f"{path.name} reaches beyond 2.1 m"
-        raise SourceError("MF313", what, where=str(path), cure=f"State its --unit: it {in_units}") from error
+    layout = read_with_klayout(path, options)
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
-    close_lines(layout)
-    empty = _drop_empty(layout)
-    if empty and count_shapes(layout) == 0:
-        what = f"{path.name}: none of its {empty} polygons has an area once they are rounded to the nanometre"
-        raise SourceError("MF309", what, where=str(path), cure=f"State its --unit: it {in_units}")
+    _close_lines(layout)
+    if seen.plain:
+        _refuse_other_areas(path, layout, seen)
     number_layers(layout)
-    try:
-        check_limits(layout, path)
-    except SourceError as error:
-        if error.code == "MF312" and rounding_nm == 0:
-            raise
-        # Too large, or crossing itself once it is rounded to the grid: that is what a wrong unit looks like.
-        cure = f"{error.cure}, or state its --unit: it {in_units}"
-        raise SourceError(error.code, error.what, where=error.where, cure=cure) from None
-    layout.add_meta_info(db.LayoutMetaInfo(UNIT_KEY, unit_um, "length of one unit of the drawing"))
-    note_rounding(layout, rounding_nm)
-    note_left_out(layout, LeftOut(repeated_vertices, empty))
+    note_rounding(layout, seen.rounding_nm)
+    note_left_out(layout, LeftOut(seen.repeated_vertices, _drop_empty(layout)))
     return layout
+
+
+def _refuse_other_areas(path: Path, layout: db.Layout, seen: Seen) -> None:
+    """Refuse a drawing of which klayout makes other areas than its text says. Raises SourceError MF316."""
+    placed, top = placed_cells(layout), layout.top_cells()
+    found: dict[str, float] = defaultdict(float)
+    for info in layout.layer_infos():
+        # Layers called like numbers lose their names: those are compared together.
+        name = info.name.upper() if info.name.upper() in seen.areas_nm2 else ""
+        areas = drawn_areas(layout, layout.find_layer(info), placed)
+        found[name] += sum(areas[cell.cell_index()] for cell in top)
+    said = {name: both for name, both in seen.areas_nm2.items() if name in found}
+    rest = [both for name, both in seen.areas_nm2.items() if name not in found]
+    said[""] = sum(area for area, _ in rest), sum(length for _, length in rest)
+    for name, (area, length_nm) in said.items():
+        rounded_nm2 = length_nm * _OFF_GRID_NM if seen.rounding_nm else 0.0
+        if abs(found[name] - area) > _SAME_AREA * max(found[name], area) + rounded_nm2:
+            told = f"{area / NM_PER_UM**2:.9g} um^2 by its text and {found[name] / NM_PER_UM**2:.9g} um^2 for klayout"
+            cure = "Open it in the program that drew it, mend what its audit finds (AUDIT), and save it again"
+            what = f"{path.name} draws polygons of {told} on layer {name!r}"
+            raise SourceError("MF316", what, where=str(path), cure=cure)
+
+
+def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
+    script = Path(__file__).with_name("dxf_process.py")
+    drawing: Drawing = read_apart(path, script, repr(nm_per_unit), kind=Drawing, seconds=seconds)
+    _refuse_different(path, seen, drawing)
+    plate = {layer.name: layer_info(layer) for layer in LAYERS}
+    named = [plate.get(name.upper()) or _numbered(name, drawing.layers) for name in drawing.layers]
+    # A circle of a few bytes has thousands of corners, which take their time.
+    corners = sum(cell[1][0].size for cell in drawing.cells) // 2
+    allow(corners / _CORNERS_PER_SECOND, _MEMORY_PER_CORNER * corners)
+    try:
+        layout = Conversion(path, named).layout([cell_content(cell) for cell in drawing.cells])
+    except (ValueError, TypeError, OverflowError, RuntimeError) as error:
+        raise unusable(path, error) from error
+    note_left_out(layout, replace(left_out(layout), curves=drawing.curves))
+    note_rounding(layout, max(rounding_nm(layout), drawing.rounding_nm))
+    notes = replace(seen.notes, read_as=drawing.read_as, gap_nm=drawing.gap_nm)
+    note_drawing(layout, replace(notes, faults=_faults(path, layout, seen, drawing.faults)))
+    return layout
+
+
+def _numbered(name: str, names: Sequence[str]) -> db.LayerInfo:
+    """A layer with the numbers that klayout gives one of its name, if no other has them."""
+
+    def numbers(of: str) -> tuple[int, int] | None:
+        told = _NUMBERS.fullmatch(of)
+        return None if told is None else (int(told[1]), int(told[2] or 0))
+
+    own = numbers(name)
+    if own is None or sum(numbers(other) == own for other in names) > 1:
+        return db.LayerInfo(name)
+    return db.LayerInfo(*own, name)
+
+
+def _refuse_different(path: Path, seen: Seen, drawing: Drawing) -> None:
+    """Refuse a drawing of which one of both readers leaves something out. Raises SourceError MF316."""
+    found = Counter({(block, kind): count for block, kind, count in drawing.counted})
+    read = {block for block, _ in found}
+    for block, kind in sorted({*found, *(key for key in seen.kinds if key[0] in read)}):
+        one, other = seen.kinds[block, kind], found[block, kind]
+        if one != other and kind not in PASSED_OVER | _SHAPELESS:
+            where = f"block {block!r}" if block else "the drawing itself"
+            what = f"{path.name} has {one} {kind} in {where} by its text and {other} for ezdxf"
+            cure = "Open it in the program that drew it, mend what its audit finds (AUDIT), and save it again"
+            raise SourceError("MF316", what, where=str(path), cure=cure)
+
+
+def _faults(path: Path, layout: db.Layout, seen: Seen, found: Sequence[Fault]) -> tuple[LayerFault, ...]:
+    """Layers of which not all could be read, unless one of them is what is meant: that is refused at once."""
+    errors: dict[str, SourceError] = {}
+    for layer in dict.fromkeys([*(layer for layer, _ in seen.hidden), *(fault.layer for fault in found)]):
+        hidden = [what for at, what in seen.hidden if at.upper() == layer.upper()]
+        drawn = [fault for fault in found if fault.layer.upper() == layer.upper()]
+        errors[layer] = _unseen(path, hidden) if hidden else _unreadable(path, drawn)
+    meant = [error for layer, error in errors.items() if seen.clear_drawn and seen.counts(layer)]
+    faulty = {layer.upper() for layer in errors}
+    whole = [info for info in layout.layer_infos() if info.name.upper() not in faulty and has_shapes(layout, info)]
+    if meant or (errors and not whole):
+        raise (meant or list(errors.values()))[0]
+    return tuple(LayerFault(layer, error.code, error.what, error.cure) for layer, error in errors.items())
+
+
+def _unreadable(path: Path, faults: Sequence[Fault]) -> SourceError:
+    drawn = [
+        f"{one.count} x {one.kind} on layer {one.layer!r}" + (f" ({one.place})" if one.place else "")
+        for one in sorted(faults, key=lambda one: (one.code, one.kind))
+    ]
+    worst = max(faults, key=lambda one: one.code)
+    return SourceError(
+        worst.code,
+        f"{path.name} draws {listed(drawn, 6)}; a mask has areas only",
+        where=str(path),
+        cure=_CURES[worst.code],
+    )
+
+
+_CURES = {
+    "MF303": "Mend or delete them in the program that drew them, or name another --layer",
+    "MF310": "Join lines whose ends do not meet (PEDIT, Join, with a fuzz distance), delete construction lines and "
+    "points, or name another --layer",
+    "MF311": "Turn them into closed polylines in the program that drew them, or name another --layer",
+    "MF317": "Draw them flat in model space (FLATTEN), or name another --layer",
+}
+
+
+def _unseen(path: Path, hidden: Sequence[str]) -> SourceError:
+    what = f"{path.name} draws {listed(hidden, 6)}; a mask contains visible shapes of model space only"
+    cure = "Delete what is not part of the mask, draw the rest flat in model space, and show all its layers"
+    return SourceError("MF317", what, where=str(path), cure=cure)
 
 
 def _drop_empty(layout: db.Layout) -> int:
@@ -127,111 +442,7 @@ def _drop_empty(layout: db.Layout) -> int:
     return dropped
 
 
-def _checked_dxf_unit(path: Path, data: bytes) -> int:
-    """$INSUNITS, 0 if the file does not say, of a text DXF that begins with a section and ends with EOF."""
-    if data.startswith(_BINARY_DXF_MAGIC):
-        raise SourceError("MF308", f"{path.name} is binary DXF", where=str(path), cure="Save it as text DXF")
-    if not _TEXT_DXF_START.match(data):
-        raise wrong_kind(path, "DXF")
-    if data[-64:].split()[-2:] != [b"0", b"EOF"]:
-        raise damaged(path, "it ends without EOF")
-    header = data[: data.find(b"ENDSEC")]
-    said = re.search(rb"\$INSUNITS\s+70\s+(\d{1,4})\s", header)
-    if said is None and _DRAWN_IN_MM.match(data):
-        return 4
-    return int(said[1]) if said else 0
-
-
-_LINES = {"POLYLINE", "LWPOLYLINE"}
-_SHAPELESS = {
-    "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "VERTEX", "SEQEND", "BLOCK", "ENDBLK", "SECTION", "ENDSEC", "VIEWPORT",
-}  # fmt: skip
-_HARMLESS = _SHAPELESS | {"INSERT", "SOLID"}
-_OPEN = {"LINE", "POINT", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
-# Shapes on layer 0 of a block are drawn on the layer of its reference, and those on CUT may be taken out of CLEAR.
-_DATA = {CLEAR.name, CHROME.name}
-_COUNTING = {*_DATA, "CUT", "0"}
-_CLOSED = 1
-_CURVE_FITTED = 2 | 4
-
-
-def look_through(path: Path, data: bytes, nm_per_unit: float) -> tuple[float, int]:
-    """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
-
-    Args:
-        nm_per_unit: length of one unit of the drawing.
-
-    Returns:
-        The largest distance (nm) by which klayout moves a coordinate to the nanometre grid, and the number of vertices
-        that then repeat the one before: it reports neither.
-
-    Raises:
-        SourceError: MF303 blocks that contain themselves or are lacking, MF310 open lines or fills, MF311 arcs,
-            splines and bulges, MF313 too many layers, MF317 shapes in paper space, on frozen layers, invisible, or out
-            of the plane.
-    """
-    faults: Counter[tuple[str, str, str]] = Counter()
-    clear_drawn = False
-    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
-    for entity in entities(data):
-        is_entry = entity.kind == "LAYER"
-        layers.add(entity.text(2) if is_entry else entity.layer)
-        if len(layers) > MOST_LAYERS:
-            raise too_many_layers(path)
-        if is_entry:
-            unseen.add_layer(entity)
-            continue
-        if entity.kind not in _SHAPELESS:
-            unseen.add(entity)
-        layer = entity.layer
-        clear_drawn = clear_drawn or layer in _DATA
-        fault = _fault(entity)
-        if fault:
-            faults[(*fault, layer)] += 1
-        else:
-            grid.add(entity)
-
-    def counts(layer: str) -> bool:
-        return not clear_drawn or layer in _COUNTING
-
-    _refuse_blocks(path, grid)
-    _refuse_unseen(path, unseen.hidden_shapes(counts, grid.drawing(counts)))
-    _refuse_faults(path, {key: count for key, count in faults.items() if counts(key[2])})
-    return grid.rounding_nm(counts), grid.repeated_vertices(counts)
-
-
-def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
-    if faults:
-        drawn = [f"{count} x {what} on layer {layer!r}" for (_, what, layer), count in sorted(faults.items())]
-        raise SourceError(
-            max(code for code, _, _ in faults),
-            f"{path.name} draws {', '.join(drawn[:6])}; a mask has closed polygons only",
-            where=str(path),
-            cure="Close its lines, take its points out, and turn curves into polygons in the program that drew them",
-        )
-
-
-def _refuse_unseen(path: Path, hidden: list[str]) -> None:
-    if hidden:
-        what = f"{path.name} draws {', '.join(hidden[:6])}; a mask contains visible shapes of model space only"
-        cure = "Delete what is not part of the mask, draw the rest flat in model space, and show all its layers"
-        raise SourceError("MF317", what, where=str(path), cure=cure)
-
-
-def _refuse_blocks(path: Path, grid: DrawingGrid) -> None:
-    cycle, lacking = grid.cycle(), grid.lacking()
-    if cycle:
-        through = f", through {', '.join(repr(name) for name in cycle[1:-1])}" if len(cycle) > 2 else ""
-        what, cure = f"block {cycle[0]!r} contains itself{through}", "Take one of these references out"
-    elif lacking:
-        what = f"it places blocks that it lacks: {', '.join(lacking[:12])}"
-        cure = "Write it again with every block that it places"
-    else:
-        return
-    raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure=cure)
-
-
-def close_lines(layout: db.Layout) -> None:
+def _close_lines(layout: db.Layout) -> None:
     """Make polygons of lines without width that end where they began; a SOLID beside them changes nothing."""
     for layer in layout.layer_indexes():
         for cell in layout.each_cell():
@@ -242,124 +453,54 @@ def close_lines(layout: db.Layout) -> None:
                     shapes.replace(shape, db.Polygon(points[:-1]))
 
 
-def _fault(entity: Entity) -> tuple[str, str] | None:
-    kind = entity.kind
-    if kind in _HARMLESS:
-        return None
-    if kind in _OPEN:
-        return "MF310", kind
-    if kind not in _LINES:
-        return "MF311", kind
-    if entity.bulges:
-        return "MF311", f"{kind} with bulges"
-    flags = int(entity.number(70))
-    if flags & _CURVE_FITTED:
-        return "MF311", f"{kind} fitted by curves"
-    if not flags & _CLOSED and entity.width == 0 and not _returns(entity):
-        return "MF310", f"open {kind}"
-    return None
-
-
-def _returns(entity: Entity) -> bool:
-    """Whether a line ends where it began, which closes it as well as its flag does."""
-    xs, ys = entity.points()
-    return len(xs) > 3 and len(ys) == len(xs) and (xs[0], ys[0]) == (xs[-1], ys[-1])
-
-
-_PAPER = ("*PAPER_SPACE", "$PAPER_SPACE")
-_FROZEN = 1
-_HIDING = frozenset({b"60", b"67", b"210", b"220", b"230"})
-_IN_PLANE = 1e-9
-"""Directions are written with so many digits that those along z are closer to it."""
-
-
-class Unseen:
-    """Entities that draw or place something out of sight, collected one by one."""
-
-    def __init__(self) -> None:
-        self._layers: dict[str, str] = {}
-        self._drawn: Counter[tuple[str, str, str, str]] = Counter()
-
-    def add_layer(self, entry: Entity) -> None:
-        """Take an entry of the table of layers, which may stand behind what is drawn on it."""
-        if int(entry.number(70)) & _FROZEN:
-            self._layers[entry.text(2).upper()] = "the frozen "
-        elif entry.number(62) < 0:
-            self._layers[entry.text(2).upper()] = "the switched-off "
-
-    def add(self, entity: Entity) -> None:
-        """Take an entity that draws, or places a block."""
-        placed = entity.text(2) if entity.kind == "INSERT" else ""
-        self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
-
-    def hidden_shapes(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
-        """With the reason, in words."""
-        unseen: Counter[str] = Counter()
-        for (kind, layer, placed, why), count in self._drawn.items():
-            hidden = self._layers.get(layer.upper(), "")
-            if (why or hidden) and (placed in drawing if placed else counts(layer)):
-                unseen[f"{kind}{why} on {hidden}layer {layer!r}"] += count
-        return [f"{count} x {what}" for what, count in sorted(unseen.items())]
-
-
-def _out_of_sight(entity: Entity) -> str:
-    if (entity.block or "").upper().startswith(_PAPER):
-        return " in paper space"
-    if not entity.says(_HIDING):
-        return ""
-    if entity.number(67) == 1:
-        return " in paper space"
-    if entity.number(60) == 1:
-        return " made invisible"
-    x, y, z = entity.number(210), entity.number(220), entity.number(230, 1.0)
-    if not math.hypot(x, y) < _IN_PLANE * abs(z):
-        return " out of the plane"
-    return ""
-
-
 _ON_GRID_NM = 1e-4
 """Decimals of inches and millimetres are written with so many digits that what is on the grid lies closer to it."""
 
 _ELSEWHERE = 4 | 8
 """Flags of a block whose content is another file's, or is laid over from there."""
 
-_SPREADING = frozenset({b"41", b"42", b"44", b"45", b"70", b"71"})
-"""Attributes that make an array of a reference, or place its block at another scale."""
-
 _DRAWING = "\n"
 """Stands for the drawing itself; no name of a block ends a line."""
 
 
 class DrawingGrid:
-    """The coordinates of a drawing, collected entity by entity, in nanometres."""
+    """Coordinates and blocks of a drawing, collected entity by entity, in nanometres; names of blocks in capitals."""
 
     def __init__(self, nm_per_unit: float) -> None:
         self._scale = nm_per_unit
         self._lines: dict[tuple[str, str], _Lines] = defaultdict(_Lines)
         self._bases: dict[str, tuple[float, float]] = {}
-        self._placed: dict[str, dict[str, _Places]] = defaultdict(lambda: defaultdict(_Places))
+        self._placed: dict[str, dict[str, array[float]]] = defaultdict(lambda: defaultdict(lambda: array("d")))
+        self._times: dict[str, dict[tuple[str, str], float]] = defaultdict(lambda: defaultdict(float))
+        self._defined, self._named = set[str](), set[str]()
 
     def add(self, entity: Entity) -> None:
         """Take the coordinates of an entity that draws, places or begins a block; others have none that count."""
-        block = _DRAWING if entity.block is None else entity.block
+        block = _DRAWING if entity.block is None else entity.block.upper()
         if entity.kind == "BLOCK" and not int(entity.number(70)) & _ELSEWHERE:
             self._bases[block] = entity.number(10), entity.number(20)
+            self._defined.add(entity.text(2))
         elif entity.kind == "INSERT":
-            self._placed[block][entity.text(2)].add(entity)
+            name = entity.text(2)
+            self._named.add(name)
+            self._placed[block][name.upper()].extend(_places(entity))
+            columns, rows = (max(1.0, abs(entity.number(code, 1.0))) for code in (70, 71))
+            self._times[block][name.upper(), entity.layer.upper()] += (1 + len(entity.copies) // 2) * columns * rows
         elif entity.kind == "SOLID":
             xs, ys = ([entity.number(axis + corner) for corner in (0, 1, 3, 2)] for axis in (10, 20))
             self._lines[block, entity.layer].add(xs, ys)
-        elif entity.kind in {"LWPOLYLINE", "POLYLINE"}:
-            xs, ys = entity.points()
-            if entity.width > 0:
-                xs, ys = self._outline(xs, ys, entity.width)
-            self._lines[block, entity.layer].add(xs, ys)
+        elif entity.kind in _LINES:
+            self._lines[block, entity.layer].add(*entity.points())
+        elif entity.kind not in _SHAPELESS:
+            self._lines[block, entity.layer].add([], [])
 
-    def _outline(self, xs: list[float], ys: list[float], width: float) -> tuple[list[float], list[float]]:
-        # In nanometres, for klayout takes points within a hundred-thousandth of its unit for the same.
-        spine = [db.DPoint(x * self._scale, y * self._scale) for x, y in zip(xs, ys, strict=False)]
-        hull = list(db.DPath(spine, width * self._scale).polygon().each_point_hull())
-        return [point.x / self._scale for point in hull], [point.y / self._scale for point in hull]
+    def names(self) -> set[str]:
+        """Names of blocks, as they are defined."""
+        return self._defined
+
+    def exact(self) -> bool:
+        """Whether blocks are placed by the names that they have, in the same letters."""
+        return self._named <= self._defined
 
     def cycle(self) -> list[str]:
         """Names of blocks each of which contains the next, the last the first; empty if there are none."""
@@ -371,9 +512,8 @@ class DrawingGrid:
         return []
 
     def lacking(self) -> list[str]:
-        """Blocks that are placed and not there, by their exact names."""
-        placed = set().union(*self._placed.values())
-        return sorted(placed - self._bases.keys())
+        """Blocks that are placed and not there."""
+        return sorted(name for name in self._named if name.upper() not in self._bases)
 
     def _graph(self) -> dict[str, set[str]]:
         return {
@@ -403,10 +543,26 @@ class DrawingGrid:
             roundings = [own[block]] if block in own else []
             for name, places in self._placed.get(block, {}).items():
                 if name in roundings_nm:
-                    roundings += [self._rounding(np.array(places.coordinates)), places.largest * roundings_nm[name]]
+                    roundings += [self._rounding(np.array(places)), roundings_nm[name]]
             if roundings:
                 roundings_nm[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
         return roundings_nm.get(_DRAWING, 0.0)
+
+    def areas(self) -> dict[str, tuple[float, float]]:
+        """Sums of the areas (nm^2) and of the lengths (nm) of all outlines on each layer, by its name in capitals,
+        every reference followed.
+
+        What a block has on layer 0 lies on the layer of its reference.
+        """
+        own: dict[str, dict[str, Floats]] = defaultdict(lambda: defaultdict(lambda: np.zeros(2)))
+        for (block, layer), lines in self._lines.items():
+            own[block][layer.upper()] = own[block][layer.upper()] + lines.area(self._scale)
+        for block in TopologicalSorter(self._graph()).static_order():
+            for (name, on), times in self._times.get(block, {}).items():
+                for layer, area in own.get(name, {}).items():
+                    on_layer = on if layer == "0" else layer
+                    own[block][on_layer] = own[block][on_layer] + times * area
+        return {layer: (float(area), float(length)) for layer, (area, length) in own.get(_DRAWING, {}).items()}
 
     def repeated_vertices(self, counts: Callable[[str], bool]) -> int:
         """Vertices that lie on the one before once they are rounded; a line may end where it began."""
@@ -425,28 +581,14 @@ def _scaled(values: Floats, scale: float) -> Floats:
         return values * scale
 
 
-class _Places:
-    """References to one block in another.
-
-    Attributes:
-        coordinates: of all of them, and the steps of arrays.
-        largest: how many times as large as it is drawn the block is placed at most.
-    """
-
-    def __init__(self) -> None:
-        self.coordinates, self.largest = array("d"), 0.0
-
-    def add(self, reference: Entity) -> None:
-        self.coordinates.append(reference.number(10))
-        self.coordinates.append(reference.number(20))
-        self.coordinates.extend(reference.copies)
-        larger = 1.0
-        if reference.says(_SPREADING):
-            larger = max(abs(reference.number(41, 1.0)), abs(reference.number(42, 1.0)))
-            for step, count in ((44, 70), (45, 71)):
-                if abs(reference.number(count, 1.0)) > 1:
-                    self.coordinates.append(reference.number(step))
-        self.largest = max(self.largest, larger)
+def _places(reference: Entity) -> array[float]:
+    """Coordinates of a reference, of those like it, and the steps of its array."""
+    places = array("d", [reference.number(10), reference.number(20)])
+    places.extend(reference.copies)
+    for step, count in ((44, 70), (45, 71)):
+        if abs(reference.number(count, 1.0)) > 1:
+            places.append(reference.number(step))
+    return places
 
 
 class _Lines:
@@ -465,136 +607,27 @@ class _Lines:
     def points(self) -> tuple[Floats, Floats]:
         return np.array(self._x), np.array(self._y)
 
+    def area(self, scale: float) -> Floats:
+        """Sums of the areas of all lines, on the grid, and of their lengths along both axes."""
+        x, y = (np.rint(_scaled(values, scale)) for values in self.points())
+        ends = np.array(self._last, dtype=np.int64)
+        if not len(ends):
+            return np.zeros(2)
+        starts, after = np.append(0, ends[:-1] + 1), np.arange(1, len(x) + 1)
+        after[ends] = starts
+        # About each line's first corner, so that nothing is lost in large products.
+        counts = np.diff(np.append(starts, len(x)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            u, v = (values - np.repeat(values[starts], counts) for values in (x, y))
+            areas = np.abs(np.add.reduceat(u * v[after] - u[after] * v, starts)) / 2
+            return np.array([areas.sum(), np.abs(u[after] - u).sum() + np.abs(v[after] - v).sum()])
+
     def repeated(self, scale: float) -> int:
         x, y = (np.rint(_scaled(values, scale)) for values in self.points())
         same = (x[1:] == x[:-1]) & (y[1:] == y[:-1])
         # Between the last vertex of a line and the first of the next there is no edge.
         same[np.array(self._last[:-1], dtype=np.int64)] = False
         return int(same.sum())
-
-
-# Most of a plate are vertices, which belong to their polyline.
-_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\n)((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
-_SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
-_DRAWN = {b"BLOCKS", b"ENTITIES"}
-_TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
-# Layer, block, x and y of a reference that says no more: a random die has thousands.
-_PLAIN = re.compile(
-    rb"(?:\n *(?:5|330|100)\r?\n[^\n]*)*\n *8\r?\n([^\r\n]*)\r?(?:\n *100\r?\n[^\n]*)*"
-    rb"\n *2\r?\n([^\r\n]*)\r?\n *10\r?\n([^\r\n]*)\r?\n *20\r?\n([^\r\n]*)\r?(?:\n *30\r?\n[^\n]*)?"
-)
-
-
-class Entity:
-    """One thing that is drawn; a vertex belongs to its polyline.
-
-    Args:
-        kind: its name, such as ``LWPOLYLINE``.
-        block: name of the block that it is drawn in; None in the drawing itself.
-
-    Attributes:
-        layer: its layer; ``0``, in a block that of the reference, if it does not say.
-        copies: x and y of further references that differ from this one in nothing else.
-    """
-
-    __slots__ = ("_first", "_tags", "block", "copies", "kind", "layer")
-
-    def __init__(self, kind: str, block: str | None, body: bytes) -> None:
-        self.kind = kind
-        self.block = block
-        # Group codes and values stay bytes: a plate has millions of them, and few are looked at.
-        self._tags: list[tuple[bytes, bytes]] = _TAG.findall(body)
-        self._first = dict(reversed(self._tags))
-        self.layer = self.text(8, "0")
-        self.copies = array("d")
-
-    def says(self, codes: frozenset[bytes]) -> bool:
-        """Whether it has a value under any of these group codes: most have none that change how they are placed."""
-        return not codes.isdisjoint(self._first)
-
-    @property
-    def width(self) -> float:
-        """Width of a line, its first where it has several."""
-        if b"40" not in self._first and b"43" not in self._first:
-            return 0.0
-        return next(number_of(value) for code, value in self._tags if code in {b"43", b"40"})
-
-    @property
-    def bulges(self) -> bool:
-        """Whether an edge of a line is an arc."""
-        return b"42" in self._first and any(code == b"42" and number_of(value) != 0 for code, value in self._tags)
-
-    def text(self, code: int, default: str = "") -> str:
-        """The first value under a group code."""
-        said = self._first.get(b"%d" % code)
-        return default if said is None else said.decode("latin-1").strip()
-
-    def number(self, code: int, default: float = 0.0) -> float:
-        """The first value under a group code; 0 if it is no number."""
-        said = self._first.get(b"%d" % code)
-        return default if said is None else number_of(said)
-
-    def points(self) -> tuple[list[float], list[float]]:
-        """x and y of all vertices of a line, in units of the drawing."""
-        tags = self._tags
-        if self.kind == "POLYLINE":  # its own 10 and 20 are dummies
-            tags = tags[next((place for place, tag in enumerate(tags) if tag[0] == b"0"), len(tags)) :]
-        xs = [value for code, value in tags if code == b"10"]
-        ys = [value for code, value in tags if code == b"20"]
-        return _numbers(xs), _numbers(ys)
-
-
-def number_of(text: bytes) -> float:
-    """A value as a number; 0 if it is none, or has no end."""
-    try:
-        value = float(text)
-    except ValueError:
-        return 0.0
-    return value if math.isfinite(value) else 0.0
-
-
-def _numbers(texts: list[bytes]) -> list[float]:
-    try:
-        return list(map(float, texts))
-    except ValueError:
-        return [number_of(text) for text in texts]
-
-
-def entities(data: bytes) -> Iterator[Entity]:
-    """Every entity of the sections BLOCKS and ENTITIES, BLOCK and ENDBLK among them, and every LAYER of the tables."""
-    section = b""
-    block: str | None = None
-    previous: tuple[str, int] | None = None
-    alike: dict[tuple[bytes, bytes], Entity] = {}
-    for match in _ENTITY.finditer(data):
-        kind = match[1].decode("latin-1").rstrip(" \t").upper()
-        if (
-            previous is not None
-            and previous[0] == "INSERT"
-            and (plain := _PLAIN.fullmatch(data, previous[1], match.start()))
-        ):
-            layer, name, x, y = plain.groups()
-            if (layer, name) in alike:
-                alike[layer, name].copies.extend((number_of(x), number_of(y)))
-            else:
-                alike[layer, name] = Entity("INSERT", block, data[previous[1] : match.start()])
-        elif previous is not None:
-            yield from alike.values()
-            alike.clear()
-            entity = Entity(previous[0], block, data[previous[1] : match.start()])
-            if entity.kind == "BLOCK":
-                block = entity.block = entity.text(2)
-            elif entity.kind == "ENDBLK":
-                block = None
-            yield entity
-        previous = None
-        if kind == "SECTION":
-            said = _SECTION.match(data, match.end())
-            section = b"" if said is None else said[1].upper()
-            block = None
-        elif section in _DRAWN or (section == b"TABLES" and kind == "LAYER"):
-            previous = kind, match.end()
-    yield from alike.values()
 
 
 def _format(name: FileFormat, version: Version) -> Format:
@@ -609,7 +642,7 @@ def _format(name: FileFormat, version: Version) -> Format:
         f"_{version}.dxf",
         write_plate=write,
         read=read_dxf,
-        readers=(("klayout", read_dxf),),
+        readers=(("klayout", _by_klayout),),
         suffixes=(".dxf",),
         layers="named",
         notes=True,
