@@ -52,7 +52,7 @@ from maskfab.mask.comparison.faults import (
     slanted,
 )
 from maskfab.mask.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare_layout
-from maskfab.mask.formats.content import moved_nm, rounding_nm, steps_off_grid
+from maskfab.mask.formats.content import array_drift, moved_nm, rounding_nm
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES, read_picture
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.layout import (
@@ -221,6 +221,9 @@ def _mtf_differences(curves: tuple[Mtf, ...], expected: tuple[Mtf, ...], name: s
 MOST_INVERTED = 2_000_000
 _SECONDS_PER_DIE = 2
 """That its optics may take of the processor, see :mod:`maskfab.mask.sandbox`; they take one."""
+
+_MOST_DRIFT_NM = 1.0
+"""From where on a copy lies nearer to another place of the grid than to its own."""
 
 _TOLD_PLACES = 4
 _MOST_TOLERATED = 0.01
@@ -419,8 +422,11 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     name = path.name
     # GDSII and OASIS label cells so; who sets text in a drawing may well mean it to be seen.
     is_dxf = suffix_of(path) == ".dxf"
-    method = f"largest distance of a coordinate of {name} to the grid{steps_off_grid(read)}"
-    yield Quantity("rounding", rounding_nm(read), method)
+    yield Quantity("rounding", rounding_nm(read), f"largest distance of a coordinate of {name} to the grid")
+    drift_nm, which = array_drift(read)
+    if which:
+        method = f"{which} of {name} is {drift_nm:.3g} nm off steps of whole nanometres, which add up"
+        yield Quantity("array_drift", drift_nm, method, limit=_MOST_DRIFT_NM, passed=drift_nm <= _MOST_DRIFT_NM)
     yield from drawing_quantities(read, name)
     for what, count, method, wrong in (
         ("empty_polygons", noted.empty_polygons, f"polygons of {name} without area", True),

@@ -45,7 +45,7 @@ _FROM_CURVE_NM = 1.0
 _STEP_NM = 1e-3
 """Distance of the last copy of an array from the grid that comes from a division, not from its steps."""
 
-_STEPS_KEY = "maskfab_steps"
+_DRIFT_KEY = "maskfab_drift"
 
 
 def listed(names: Sequence[str], most: int = 12) -> str:
@@ -63,9 +63,10 @@ def rounding_nm(layout: db.Layout) -> float:
     return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
 
 
-def steps_off_grid(layout: db.Layout) -> str:
-    """Words on the array whose steps lead farthest from whole nanometres; empty if none do."""
-    return str(layout.meta_info_value(_STEPS_KEY) or "")
+def array_drift(layout: db.Layout) -> tuple[float, str]:
+    """Distance (nm) of the last copy of an array from a whole number of nanometres a step, the largest; and which."""
+    drift, which = layout.meta_info_value(_DRIFT_KEY) or (0.0, "")
+    return float(drift), str(which)
 
 
 def moved_nm(layout: db.Layout) -> float:
@@ -191,7 +192,7 @@ class Conversion:
         """``named`` are the layers of a format without numbers: the content has their places, and datatypes 0."""
         self._path = path
         self._rounding = 0.0
-        self._steps = 0.0, ""
+        self._drift = 0.0, ""
         self._copies = 0
         self._repeated_vertices = 0
         self._empty_polygons = 0
@@ -215,7 +216,7 @@ class Conversion:
             self._fill(cell, self._cells[cell["name"]])
         note_rounding(self._layout, self._rounding)
         note_left_out(self._layout, LeftOut(self._repeated_vertices, self._empty_polygons))
-        self._layout.add_meta_info(db.LayoutMetaInfo(_STEPS_KEY, self._steps[1], "steps of arrays off the grid"))
+        self._layout.add_meta_info(db.LayoutMetaInfo(_DRIFT_KEY, list(self._drift), "steps of arrays off the grid"))
         return self._layout
 
     def _refuse_cycles(self, content: list[dict[str, Any]]) -> None:
@@ -316,8 +317,8 @@ class Conversion:
             nearest = np.rint(step)
             astray = (times - 1) * float(np.abs(step - nearest).max())
             if astray > _STEP_NM:
-                where = f"copy {times} of cell {self._layout.cell_name(index)} in an array lies {astray:.3g} nm off"
-                self._steps = max(self._steps, (astray, f"; {where} {times - 1} steps of whole nanometres"))
+                which = f"copy {times} of cell {self._layout.cell_name(index)} in an array"
+                self._drift = max(self._drift, (astray, which))
             if times > 1 and (not nearest.any() or astray > _STEP_NM):
                 self._count_copies(times * len(places))
                 places = (places[:, None] + np.arange(times)[:, None] * step).reshape(-1, 2)

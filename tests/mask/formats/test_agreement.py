@@ -14,7 +14,7 @@ from klayout import db
 from maskfab.base.errors import SourceError
 from maskfab.mask.comparison.readings import readings
 from maskfab.mask.formats import table
-from maskfab.mask.formats.content import find_cell, rounding_nm, steps_off_grid
+from maskfab.mask.formats.content import array_drift, find_cell, rounding_nm
 from maskfab.mask.formats.gdsii import write_oasis
 from maskfab.mask.formats.table import read_layout
 from maskfab.mask.layout import left_out
@@ -248,7 +248,9 @@ def test_steps_of_an_array_off_the_grid_do_not_add_up(tmp_path):
     layout = read_layout(tmp_path / "x.gds")
     assert layout.top_cell().bbox().right == round(48 * 8_297_386 / 49) + 1000
     assert 0.4 < rounding_nm(layout) <= 0.5
-    assert steps_off_grid(layout).startswith("; copy 49 of cell DOT in an array lies 19.6 nm off 48 steps")
+    drift_nm, which = array_drift(layout)
+    assert which == "copy 49 of cell DOT in an array"
+    assert drift_nm == pytest.approx(48 * abs(8_297_386 / 49 - 169_334))
 
 
 # --- packed -----------------------------------------------------------------------------------------------------------
