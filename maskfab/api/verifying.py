@@ -20,7 +20,7 @@ from maskfab.base.units import NM_PER_UM, parse_length_um
 from maskfab.base.work import Progress, silent
 from maskfab.findings.foreign import How
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.mask.comparison.readings import OURS, Reading, View, readings
+from maskfab.mask.comparison.readings import Reading, View, readings
 from maskfab.mask.comparison.readings import Readings as ByReader
 from maskfab.mask.formats.picture import IMAGE_SUFFIXES
 from maskfab.mask.formats.table import LAYOUT_SUFFIXES
@@ -76,12 +76,13 @@ class Readings(Result):
 
     path: Path
     readers: tuple[Reading, ...]
+    alike: bool
     views: tuple[View, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether every reader reads it, and maskfab found that they agree."""
-        return not any(reading.refused for reading in self.readers)
+        """Whether every reader reads it, and all draw the same but for chords and rounding."""
+        return self.alike
 
     def to_dict(self) -> dict[str, Any]:
         """Every reading, lengths in micrometres, and where they differ."""
@@ -94,8 +95,9 @@ class Readings(Result):
         return {"file": str(self.path), "verdict": verdict, "readers": document, "unlike": unlike}
 
     def __str__(self) -> str:
-        names = [f"{reading.reader} {reading.version}" for reading in self.readers if reading.reader != OURS]
-        alike = f"read alike by {', '.join(names)}" if len(names) > 1 else f"read by {', '.join(names) or OURS} alone"
+        # The last, maskfab itself, reads through the others; of CIF it is the only one.
+        names = [f"{reading.reader} {reading.version}" for reading in self.readers[:-1] or self.readers]
+        alike = f"read alike by {', '.join(names)}" if len(names) > 1 else f"read by {names[0]} alone"
         lines = [f"{self.path.name}: {alike if self.passed else 'not read alike'}"]
         why = ", within chords and rounding" if self.passed else ""
         layers = {(told.cell, told.layer) for reading in self.readers for told in reading.layers}
@@ -215,7 +217,7 @@ def verify(
         _refuse_strangers(strangers, "a file shown by its readers", str)
         progress("read", 0, 1)
         found = bounded(path, lambda _: readings(path, unit_um), progress, kind=ByReader)
-        return Readings(path, found.readings, found.views)
+        return Readings(path, found.readings, found.alike, found.views)
     check_applies(stated, path)
     if is_package(path):
         profile, job = None if shop is None else load_shop(shop), None if against is None else job_of(against)

@@ -342,7 +342,7 @@ FINDINGS: tuple[Finding, ...] = (
         (Need.FILES, Need.PANEL, Need.CAMERA, Need.HOUSE),
         rows=(
             "lies layer* other_layers passed_over rounding empty_polygons repeated_vertices approximated_curves "
-            "drawing_unit entities_* largest_gap area_by_parity array_drift "
+            "drawing_unit entities_* largest_gap *_by_parity array_drift "
             "texts grey_pixels xor_area sliver_area optics mtf_difference raster_psf_difference rule_*"
         ),
     ),

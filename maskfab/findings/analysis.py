@@ -6,6 +6,8 @@ import math
 import os
 import re
 import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -80,6 +82,7 @@ class Request:
         unit_um: one unit of a DXF; what it says itself if None.
         scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
             alone.
+        by_parity: whether what lies within an even number of outlines is opaque, as some programs fill.
     """
 
     camera: Camera
@@ -94,6 +97,7 @@ class Request:
     scene: Scene | None = None
     accuracy: float = 1e-3
     blank: MaskBlank = UNSTATED
+    by_parity: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,7 +322,18 @@ def _analyse_mask(
     del lit, outline
     release_memory()
     bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
-    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar, *told.quantities)
+    otherwise = _mtf_by_parity(path, request, progress) if told.parity_matters else ()
+    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar, *told.quantities, *otherwise)
+
+
+def _mtf_by_parity(path: Path, request: Request, progress: Progress) -> Iterator[Quantity]:
+    """The MTF50 that the file has where a house fills by parity; none where nothing is then clear."""
+    with suppress(SourceError):
+        *_, rows = _analyse_mask(path, replace(request, by_parity=True), progress)
+        for row in rows:
+            if row.name == "mtf50":
+                method = f"{row.method}; where what lies within an even number of outlines is opaque"
+                yield replace(row, name="mtf50_by_parity", method=method, limit=None, passed=None)
 
 
 @dataclass(frozen=True)
@@ -333,6 +348,11 @@ class _Told:
     quantities: tuple[Quantity, ...]
     moved_nm: float
     off_um2: float = 0.0
+
+    @property
+    def parity_matters(self) -> bool:
+        """Whether outlines lie within each other, so that who fills by parity reads the file otherwise."""
+        return any(row.name == "area_by_parity" for row in self.quantities)
 
 
 def _see(
@@ -412,7 +432,10 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
     )
     drawn.move(-centre[0], -centre[1])
     drawn.merged_semantics = False
-    if drawing_notes(layout) is not None:
+    if request.by_parity:
+        drawn = db.Region(db.EdgeProcessor().simple_merge_p2p(list(drawn.each()), False, True, 0))
+        drawn.merged_semantics = False
+    elif drawing_notes(layout) is not None:
         told = replace(told, quantities=(*told.quantities, *parity_quantities(drawn, path.name)))
     return cell.name, layer, drawn if _lie_apart(drawn) else _merged(drawn, path), told
 

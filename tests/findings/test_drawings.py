@@ -46,3 +46,21 @@ def test_a_ring_of_circles_tells_its_error_its_entities_and_what_parity_makes_of
     assert told["area_by_parity"].value == pytest.approx(math.pi * 1e4, abs=0.0017 * 628)
     assert told["entities_read"].method.endswith("2 CIRCLE on 0 as curves")
     assert told["entities_left_out"].method.endswith("1 DIMENSION on 0, 1 TEXT on 0")
+
+
+def test_the_mtf_of_who_fills_by_parity_is_that_of_a_fill_that_leaves_islands_open(tmp_path):
+    def outlines(m):
+        for side in (300, 100):
+            m.add_lwpolyline([(-side, -side), (side, -side), (side, side), (-side, side)], close=True)
+
+    def fill(m):
+        hatch = m.add_hatch()
+        for side, flags in ((300, 1), (100, 16)):
+            hatch.paths.add_polyline_path(
+                [(-side, -side), (side, -side), (side, side), (-side, side)], is_closed=True, flags=flags
+            )
+
+    told, ring = (rows(tmp_path / f"{draw.__name__}.dxf", draw, 13) for draw in (outlines, fill))
+    assert told["mtf50_by_parity"].value == pytest.approx(ring["mtf50"].value, rel=1e-9)
+    assert told["mtf50"].value != pytest.approx(ring["mtf50"].value, rel=1e-2)
+    assert "mtf50_by_parity" not in ring

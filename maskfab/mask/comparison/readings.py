@@ -71,6 +71,7 @@ class View:
         unlike: share that some other reader has otherwise.
         unlike_um2: all that some other reader has otherwise.
         unlike_um: box about that, left, bottom, right, top; None where there is nothing.
+        slivers: whether that is nowhere wider than two roundings.
     """
 
     cell: str
@@ -80,6 +81,7 @@ class View:
     unlike: Floats
     unlike_um2: float
     unlike_um: tuple[float, float, float, float] | None
+    slivers: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +89,12 @@ class Readings:
     """A file by all its readers.
 
     Attributes:
+        alike: whether all of them read it, and draw the same but for chords and rounding.
         views: of layers, those first that readers draw otherwise.
     """
 
     readings: tuple[Reading, ...]
+    alike: bool
     views: tuple[View, ...] = field(default=(), repr=False)
 
 
@@ -121,7 +125,9 @@ def readings(path: Path, unit_um: float | None = None) -> Readings:
         found.append(Reading(package, version, tuple(_told(*key, *held) for key, held in shapes.items())))
         drawn.append(shapes)
     views = sorted(_views(drawn), key=lambda view: -view.unlike_um2)
-    return Readings(tuple(found), tuple(views[:_MOST_VIEWS]))
+    agreed = form is not None and form.agreed
+    alike = not any(each.refused for each in found) and (agreed or all(view.slivers for view in views))
+    return Readings(tuple(found), alike, tuple(views[:_MOST_VIEWS]))
 
 
 def _drawn(layout: db.Layout) -> _Drawn:
@@ -165,7 +171,8 @@ def _views(drawn: list[_Drawn]) -> Iterator[View]:
         )
         grid = _box_um(db.Box(box.left, box.bottom, box.left + step * columns, box.bottom + step * rows))
         about = None if unlike.is_empty() else _box_um(unlike.bbox())
-        yield View(*key, grid, shown, otherwise, unlike.area() / NM_PER_UM**2, about)
+        slivers = bool(unlike.sized(-1).is_empty())
+        yield View(*key, grid, shown, otherwise, unlike.area() / NM_PER_UM**2, about, slivers)
 
 
 def _label(info: db.LayerInfo) -> str:

@@ -189,6 +189,7 @@ class Format:
         read: a file as a layout, by a library that did not write it, within the limits of
             :func:`maskfab.mask.layout.check_limits`; of a format that takes a unit (um) as its second argument.
         readers: packages that read it, each with what it reads alone, in its own unit; the first finds what is damaged.
+        agreed: whether ``read`` refuses what these draw otherwise, but for the chords of each.
         suffixes: of files that are read whoever wrote them.
         layers: whether layers have numbers, only names, or a file is one layer: what the writer exposes, no more.
         notes: whether notes stand in it as text that readers can see as such.
@@ -208,6 +209,7 @@ class Format:
     compare_die: Callable[[Drawn, Die, Path], tuple[Quantity, ...]] | None = None
     read: Callable[..., db.Layout] | None = None
     readers: tuple[tuple[str, Callable[..., db.Layout]], ...] = ()
+    agreed: bool = False
     suffixes: tuple[str, ...] = ()
     layers: Literal["numbered", "named", "one"] = "numbered"
     notes: bool = False
