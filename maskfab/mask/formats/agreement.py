@@ -97,7 +97,7 @@ def refuse_unlike(path: Path, klayout: db.Layout, gdstk: db.Layout, repeated: Co
 
 
 def _disagree(path: Path, what: str) -> SourceError:
-    cure = "Open it where it was drawn, compare that place, and write it as GDSII of boundaries"
+    cure = "Look at that place (maskfab verify FILE --readers), and write it as GDSII of boundaries where it was drawn"
     return SourceError("MF316", f"{path.name}: two readers disagree: {what}", where=str(path), cure=cure)
 
 
