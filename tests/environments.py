@@ -30,7 +30,11 @@ TOLD = (
     "cadquery", "trimesh", "manifold3d", "gerbonara", "rawpy", "pandas",
 )  # fmt: skip
 TESTERS = ("pytest", "pytest-xdist", "hypothesis", "tifffile", "jsonschema", "grimp")
-TESTS = ("tests/base", "tests/mask/formats/test_reading_dxf.py", "tests/cli/test_commands.py")
+TESTS = (
+    "tests/base",
+    *(f"tests/mask/formats/test_{name}.py" for name in ("reading_dxf", "drawn_apart", "agreement", "tiff_tone")),
+    "tests/cli/test_commands.py",
+)
 NOT_TRIED = ("tests/base/test_clock.py", "tests/base/test_provenance.py")
 """Needs torch; holds the record that is being made."""
 SMALL = """\
