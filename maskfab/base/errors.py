@@ -188,7 +188,10 @@ class MaskfabError(Exception):
     exit_code = 3
 
     def __init__(self, code: str, what: str, *, where: str = "", cure: str = "") -> None:
-        what, where, cure = (_clipped(text) for text in (what, where, cure))
+        what, where, cure = (
+            (text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}")
+            for text in (what, where, cure)
+        )
         self.code = code
         self.summary = CATALOGUE[code]
         self.what = what
@@ -223,11 +226,6 @@ def is_lack_of_memory(error: BaseException) -> bool:
         or (isinstance(error, OSError) and error.errno == ENOMEM)
         or any(words in str(error) for words in _LACK_OF_MEMORY)
     )
-
-
-def _clipped(text: str) -> str:
-    """A text clipped to a readable length; a damaged file may put anything into it."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
 
 
 class InputError(MaskfabError):

@@ -502,9 +502,6 @@ class _Sweep:
     def _wired(self, unit: Mask, lines: int) -> bool:
         return self._asked(0.0, lines).unwired(unit, self.rules.dot_nm) is None
 
-    def _roomy(self, unit: Mask) -> bool:
-        return self.display.crowded(unit, self.rules.dot_nm) is None
-
     def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
         """Those with more footprint, for some number of lines, than all of a better PSNR, and how many were measured.
 
@@ -524,7 +521,7 @@ class _Sweep:
             footprint = self.footprints(shape.unit)
             measured += 1
             better = [lines for lines in self.lines if footprint > widest[lines] + (_STEP if widest[lines] else 0.0)]
-            if footprint < least or not better or not self._roomy(shape.unit):
+            if footprint < least or not better or self.display.crowded(shape.unit, self.rules.dot_nm) is not None:
                 continue
             passed = None
             for lines in better:

@@ -245,7 +245,9 @@ def _cell_variances(cells: _RandomCells, nodes: Floats) -> tuple[Floats, Complex
     pseudo = (fields**2).mean(axis=0) - mean**2
     total = int((cells.share == 1).sum()) * power
     rims = _rim_by_cell(cells)
-    orders = _rim_orders(x, y, nodes)
+    phase = np.pi * abs(nodes).max() * max(x.dot_um, y.dot_um)
+    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
+    orders = int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
     kernels_x, kernels_y = _dot_kernels(x, nodes, orders), _dot_kernels(y, nodes, orders)
     of_cut_cells = np.zeros_like(total)
     representatives, symmetric = _representatives(cells)
@@ -285,12 +287,6 @@ def _dot_kernels(lattice: Lattice, frequency: Floats, orders: int) -> list[Compl
     phase = np.exp(-2j * np.pi * frequency[:, None] * centre)
     size = lattice.dot_um * spherical_bessel(abs(np.pi * frequency * lattice.dot_um), orders)
     return [(-1j) ** p * (size[p] * np.where(frequency < 0, (-1.0) ** p, 1.0))[:, None] * phase for p in range(orders)]
-
-
-def _rim_orders(x: Lattice, y: Lattice, nodes: Floats) -> int:
-    phase = np.pi * abs(nodes).max() * max(x.dot_um, y.dot_um)
-    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
-    return int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
 
 
 def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], Indices]:

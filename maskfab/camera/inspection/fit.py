@@ -221,7 +221,8 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
                 break
             since = math.inf
             continue
-        change = _step(now, damping)
+        diagonal = np.diag(np.diag(now.information))
+        change = np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
         tried = start.at(start.values + change)
         seen = image.pictures(tried)
         there = judged(taken, seen, tried)
@@ -321,11 +322,6 @@ class NormalEquations:
     def sigma_distance(self, change: Floats) -> float:
         """The largest change of a value, in its standard errors."""
         return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
-
-
-def _step(now: NormalEquations, damping: float) -> Floats:
-    diagonal = np.diag(np.diag(now.information))
-    return np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
 
 
 def normal_equations(

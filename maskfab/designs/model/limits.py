@@ -269,11 +269,7 @@ def optimality_gap(estimate: Surrogate, unit: NDArray[np.bool_], limit: Bounds) 
     """A unit, bool [dots, dots], beside the bounds of its clear count."""
     reached = interior(estimate).of_unit(unit, periodic=limit.periodic, levels=limit.level_db)
     area = rings(estimate.dots, room=estimate.lattice).of_unit(unit, periodic=limit.periodic)
-    return Gap(limit, reached, _room(limit.psnr, reached), area)
-
-
-def _room(most: tuple[float, ...], have: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(max(0.0, a - b) for a, b in zip(most, have, strict=True))
+    return Gap(limit, reached, tuple(max(0.0, a - b) for a, b in zip(limit.psnr, reached, strict=True)), area)
 
 
 def _smaller_stop(inner: Interior, ratio: float) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.base.work import Clock, Progress
+from maskfab.base.work import Progress
 from maskfab.camera.stop_cells import FEWEST_CELLS, CellGrid
 from maskfab.designs.maps.orientation_map import MapMode
 from maskfab.designs.model.appraisal import (
@@ -32,7 +32,7 @@ from maskfab.designs.model.appraisal import (
 )
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
-from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
 from maskfab.designs.search.die_look import DieLook
 from maskfab.designs.search.panel_map import Mapped, mapped, named
 from maskfab.designs.search.question import (
@@ -49,7 +49,6 @@ from maskfab.designs.search.result import (
     Alternatives,
     Designed,
     Facts,
-    Prices,
     SceneDesign,
     alternatives,
     appraised,
@@ -125,7 +124,8 @@ def _designed(
     """Appraise what was found, as far as there is time, and put it together."""
     question, section, expected = ready.question, ready.section, ready.judges.expected
     clock, levels, errors = question.clock, question.settings.levels, ready.map_judges
-    priced = _priced(state, expected, rules, clock)
+    dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
+    priced = prices(state.looked, expected, rules) if state.looked and not dear else None
     psnr, appraisal, head_room, gap, notes = laid.psnr, Facts(), None, None, (*state.notes, *laid.notes)
     short = not ready.stages.bounded or not clock.affords(ready.stages.bounds_s)
     if psnr is None and short:
@@ -178,13 +178,6 @@ def _designed(
         alternatives=near,
         rivals=tuple(one for one in state.held if one.unit is not state.best.unit)[:_RIVALS],
     )
-
-
-def _priced(state: Best, judge: Objective, rules: Constraints, clock: Clock) -> Prices | None:
-    """Costs of the rules among openings that were looked at in dB; those of the eye take half a second for each, which
-    no budget leaves."""
-    dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
-    return prices(state.looked, judge, rules) if state.looked and not dear else None
 
 
 def _first_that_fits(ready: Prepared, listed: Sequence[Listed]) -> tuple[Listed, Mapped, DieFit | None]:

@@ -15,7 +15,7 @@ from klayout import db
 
 from maskfab.base.model import Quantity
 from maskfab.mask.judge.displays import LAYERS as OF_DISPLAY
-from maskfab.mask.judge.marks import Code, Line, Mark
+from maskfab.mask.judge.marks import Code, Mark
 from maskfab.mask.judge.verdict import LAYERS, Asked, judged, line_box
 
 _CLEAR, _CUT, _CHROME = LAYERS
@@ -133,7 +133,7 @@ def _faults(plate: Asked) -> Iterator[_Fault]:
     for code in plate.codes:
         yield _Fault("a module of the code flipped", _toggled(_module(code, plate)), "judged_text", code.name)
     for line in plate.lines[:1]:
-        box = db.Box(*line_box(_one_letter(line), plate))
+        box = db.Box(*line_box(replace(line, text=line.text[:1]), plate))
         yield _Fault(f"a letter of {line.name} blotted", _blotted(box, dark=plate.dark), "judged_text", line.name)
 
 
@@ -174,10 +174,6 @@ def _module(code: Code, plate: Asked) -> db.Box:
     (x, y), side = code.centre, code.module
     ends = plate.on_plate(np.array([x + side // 4, x + side - side // 4]), across=True)
     return db.Box(int(ends.min()), y + side // 4, int(ends.max()), y + side - side // 4)
-
-
-def _one_letter(line: Line) -> Line:
-    return replace(line, text=line.text[:1])
 
 
 def _toggled(box: db.Box) -> Callable[[db.Layout], None]:

@@ -491,7 +491,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     # Corners that meet have a line of their own.
     asked = (finding for finding in ordered.findings if finding.rule != "corner_touches")
     remarks = [
-        _remark(question)
+        f"{question.rule}: {question.value} {question.unit} at {question.place}; please confirm."
         for question in asked
         if question.passed is None and question.place and not question.question and question.rule != "edge_error"
     ]
@@ -627,11 +627,6 @@ def _compared(name: str, said: str, made: str, method: str, *, judged: bool) -> 
 
 def _text(said: object) -> str:
     return said if isinstance(said, str) else json.dumps(said, sort_keys=True)
-
-
-def _remark(finding: Finding) -> str:
-    """A question for the house to decide, as the order puts it."""
-    return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
 
 
 def _certificate(ordered: MaskOrder) -> dict[str, Any]:

@@ -101,7 +101,10 @@ class Boundary:
         if across[-1] * np.sqrt(2) > self.highest * (1 + 1e-9):
             what = f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
             raise InternalError("MF901", what)
-        reach = self._near(step, middle)
+        extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
+        reach = min(
+            middle, _MOST_NEAR, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR
+        )
         half, near = np.zeros((count, count), dtype=np.complex128), np.zeros((2 * reach + 1,) * 2, dtype=np.complex128)
         for nodes in self._parts():
             if reach < middle:
@@ -143,11 +146,6 @@ class Boundary:
             -along * by_dy[1, 0] + aside * by_dx[0, 1],
             on_axis=bool(u[0] == 0),
         )
-
-    def _near(self, step: float, most: int) -> int:
-        """Number of frequencies on either side of 0 that are summed directly."""
-        extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
-        return min(most, _MOST_NEAR, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
 
     def _parts(self) -> Iterator[_Nodes]:
         if self.ready is not None:
