@@ -20,8 +20,6 @@ class CellSize:
     """A square cell: dots side by side, with an opaque gutter round them.
 
     Attributes:
-        dots: along a side.
-        dot_nm: side of one dot.
         gutter_nm: opaque space between the dots of neighbouring cells, half of it on each side of a cell.
     """
 

@@ -182,7 +182,6 @@ class MaskfabError(Exception):
         code: a key of :data:`CATALOGUE`.
         what: what is wrong, with the value and its unit and the limit it breaks.
         where: file and key (``layouts/x.toml: camera.focal``), or empty.
-        cure: what to do about it.
     """
 
     exit_code = 3

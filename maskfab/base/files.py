@@ -149,7 +149,6 @@ def partial(path: Path, *, replace: bool = True) -> Iterator[Path]:
     A link stays; what it points to is written.
 
     Args:
-        path: the file.
         replace: whether it takes the place of a file that is there.
 
     Raises:

@@ -122,7 +122,6 @@ class Account:
         die: that it is of; None if it is of several.
         kept: whether an earlier run found it.
         since: when it was found, UTC by ISO 8601.
-        version: of maskfab that found it.
         entry: of the cache, by its key.
         refused: why an entry of an earlier run was not used, and this was found again; None if none was refused.
     """
@@ -421,10 +420,7 @@ def _renamed(aside: Aside, place: Place) -> bool:
 
 
 def _replace(aside: Aside, place: Place) -> None:
-    """Exchange old for new, and remove the old one.
-
-    It is looked at again when nobody can reach it any more under its name, for something may have come until then.
-    """
+    """Exchange old for new, and remove the old one unless something came until nobody can reach it under its name."""
     if _unchanged(place.path, place) is not None:
         new, aside = aside, _in_turn(aside)
         os.rename(new.path, aside.path)

@@ -227,13 +227,10 @@ class Panel:
     """An opening laid out over rows x columns of cells, with an opaque gutter round every cell.
 
     Attributes:
-        opening: the unit opening.
         dot_nm: side of one dot as laid out.
         gutter_nm: opaque space between the dots of neighbouring cells; half of it on each side of a cell, so even.
         orientations: int8 [rows, columns], what each cell holds: 8 u + k is opening u of ``openings`` under element k
             of D4.
-        tiling: how the orientations were chosen.
-        seed: seed of a random tiling.
         emitters: what emits behind the opaque part of every pixel; None where nothing is said.
         tracks: wires of every pixel.
         others: further openings among which cells choose, of as many dots as the first.
@@ -321,7 +318,6 @@ class Die:
     Attributes:
         name: unique on the plate; letters, digits and underscores.
         label: text drawn in clear under the die.
-        panel: what fills it.
         centre_nm: centre of the slot in plate coordinates (plate centre = origin).
         slot_nm: side of the square slot; the panel is not larger.
     """
@@ -362,10 +358,7 @@ class Layer:
 
     Attributes:
         name: DXF layer name (at most 8 characters).
-        number: GDSII/OASIS layer.
-        datatype: GDSII/OASIS datatype.
         written: whether the mask writer exposes it (digitized data = clear).
-        purpose: one line for the layer table.
     """
 
     name: str
@@ -400,10 +393,8 @@ class Mark:
     """A mark of the plate that is not a panel.
 
     Attributes:
-        name: identifier, also its cell's name.
         kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
             code (data matrix), outline (of dies, or of what a drawing spans), or wires across a die.
-        layer: where it is drawn.
         polygons: simple, hole-free outlines in plate coordinates, nanometres.
     """
 
@@ -421,8 +412,6 @@ class Gauge:
 
     Attributes:
         name: identifier in the CD table.
-        axis: direction of the probe.
-        centre_nm: middle of the probe.
         reach_nm: half the probe's length; wider than the feature and short of its neighbours.
         target_nm: the drawn width.
     """
@@ -502,8 +491,6 @@ class Psf:
 
     Attributes:
         values: float64 [n, n], n odd, the optical axis on the middle sample.
-        step_um: distance between samples.
-        wavelength_nm: the line it was computed at.
         kind: ``point`` samples the intensity, ``pixel`` is its mean over square pixels of side ``step_um``.
     """
 
@@ -526,8 +513,6 @@ class RadialMean:
     """Mean of an MTF over all directions at radii about those at which it falls below levels of interest.
 
     Attributes:
-        frequency_cy_per_mm: float64 [n], ascending.
-        modulation: float64 [n].
         error: float64 [n], bound of the error of each, and of a straight line between them.
     """
 
@@ -654,13 +639,9 @@ class Report:
     """The content of report.json.
 
     Attributes:
-        title: the plate's title.
-        job_hash: SHA-256 of the resolved job.
         seeds: seed of every random tiling, by die.
         dies: quantities by die name, in plate order.
-        plate: quantities of the whole plate.
         checks: every quantity that was judged, of dies and plate alike.
-        files: what was written.
         seconds: wall-clock time by stage; the only content that differs between equal runs.
     """
 

@@ -124,7 +124,6 @@ class Task(Generic[Found]):
     """Something to be found, by whichever process begins it.
 
     Attributes:
-        call: what it does.
         begun, ended: whether it has.
         here: whether no other process can do it.
         seconds: that it took, once it is found.
@@ -217,7 +216,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Return when tasks have ended, however they did.
 
         Args:
-            tasks: of this executor.
             done: told how many have ended.
         """
         for number, task in enumerate(tasks, start=1):
@@ -230,7 +228,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Tasks that have ended, in the order of the calls.
 
         Args:
-            calls: what they do.
             done: told how many have ended.
 
         Raises:
@@ -248,7 +245,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         The first is done here. If the rest takes no longer than another process to begin, so is that.
 
         Args:
-            calls: what they do.
             done: told how many have ended.
 
         Raises:

@@ -37,8 +37,6 @@ class Entry:
             family apart.
         symbol: of the formula; empty for counts and words.
         unit: ``1`` for a ratio, empty for counts and words.
-        title: heading in tables.
-        meaning: one sentence.
         cure: what to do if its check fails.
         subject: whose verdict its check counts for.
 

@@ -54,11 +54,7 @@ class Explanation:
     """One error code in words.
 
     Attributes:
-        code: such as ``MF107``.
         meaning: the one line that every error of this code shares.
-        example: an input that raises it.
-        cause: what usually led to it.
-        cure: what to write or do instead.
     """
 
     code: str

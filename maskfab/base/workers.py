@@ -74,7 +74,6 @@ class ClusterExecutor(ProcessExecutor):
     """This process and the workers of a Dask cluster.
 
     Args:
-        scheduler: address.
         installation: tells a worker's version of all that numbers depend on.
     """
 
@@ -138,11 +137,7 @@ def answered(message: bytes) -> bytes:
 
 
 def _client(scheduler: str) -> Any:
-    """A client of a scheduler that answers.
-
-    Raises:
-        JobError: MF164.
-    """
+    """A client of a scheduler that answers; MF164 for one that does not."""
     import distributed
 
     try:

@@ -311,7 +311,6 @@ class Snapped:
 
     Attributes:
         brief: with the lengths as moved, and the clear share of whole dots.
-        dots: along the pixel.
         slit: width and height of a plain slit in dots, which has as many clear dots as the design.
     """
 

@@ -583,12 +583,7 @@ def _coordinate(value: object) -> float:
 
 
 def _corners(value: object) -> tuple[Corner, ...]:
-    """Corners of a polygon whose sides meet only where one follows the other.
-
-    Raises:
-        JobError: MF105 for what is no list of pairs, MF103 and MF104 for their lengths; MF132 for sides that cross or
-            touch, corners that coincide, or fewer than three; MF115 for more than 256.
-    """
+    """Corners of a polygon of 3 to 256 corners whose sides meet only where one follows the other; MF132 for others."""
     if not isinstance(value, list | tuple) or not all(isinstance(p, list | tuple) and len(p) == 2 for p in value):
         raise JobError("MF105", f"{value!r} is not a list of pairs", cure=_CURE)
     if len(value) < 3:

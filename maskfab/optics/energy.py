@@ -38,7 +38,6 @@ def halo_energy(psf: Psf, radius_um: float, die: str | None = None) -> Quantity:
     """Share of all transmitted energy farther than a radius from the axis, outside the window included.
 
     Args:
-        psf: means over pixels.
         radius_um: at most half the window.
 
     Raises:
@@ -68,7 +67,6 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
     For an odd number of whole pixels this is a plain sum, and as good as they are.
 
     Args:
-        psf: means over pixels.
         side_um: at most the window's side.
 
     Raises:
@@ -118,7 +116,6 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     that is a single line.
 
     Args:
-        psf: sampled or averaged over pixels.
         inner_um, outer_um: the annulus, at most half the window.
 
     Raises:

@@ -69,7 +69,6 @@ class LagTable:
     """The pupil's autocorrelation at every cell lag and dot lag up to some reach.
 
     Attributes:
-        x, y: the pupil's lattices.
         values: float64 [cells y, dots y, cells x, dots x] in square micrometres, of mean transmissions but for lag 0;
             lags up to the reach and few others, negative ones wrapped round.
         reach_um: largest lag along either axis for which the table is good.

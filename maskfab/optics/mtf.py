@@ -430,10 +430,7 @@ def _doubtful(told: Floats, level: float) -> Indices:
 class _Closely:
     """The mean over four times as many directions; what means of dots lack is known in some of them.
 
-    Neighbours among these differ by as much as the mean of those between may.
-
     Attributes:
-        view: of the MTF.
         lacking: radii that were looked at, what the mean lacks there, the error of that, and how much of it is new a
             dot farther, [4] each.
     """
@@ -561,7 +558,6 @@ def aliased_mtf(
 
     Args:
         table: lags up to the stop's diameter; one of shorter reach does not hold the aliases.
-        camera: gives focal length, stop and pixel.
         nu_x, nu_y: float64 [n], cycles per micrometre of sensor.
         sampled: whether the PSF is sampled at points or averaged over pixels first.
         phases: how many along each axis.
@@ -595,7 +591,6 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     """Largest distance, over frequencies and phases, of the aliased MTF from the presampled one.
 
     Args:
-        aliased: see :func:`aliased_mtf`.
         presampled: float64 [n], the MTF with the same pixel but before sampling, at the same frequencies.
     """
     distance = abs(aliased.values - presampled).max()

@@ -153,13 +153,7 @@ class PhasedPupil:
         return matrix
 
     def _rim_columns(self, orders: range, p: int, stacked_y: Floats) -> Floats:
-        """Contribution of the cut dots alone for one order in x and those in y above the degree, [2, nx, 2 nv].
-
-        Args:
-            orders: in y.
-            p: order in x.
-            stacked_y: kernels of all orders in y one below the other, [orders x ny, 2 nv].
-        """
+        """Contribution of the cut dots for one order in x and those in y above the degree, [2, nx, 2 nv]."""
         pupil = self.pupil
         rows, columns = pupil.whole.shape
         chosen = np.array(orders)
@@ -220,7 +214,6 @@ def phased_flops(pupil: Pupil, u: Floats, steepest: float, tolerance: float) -> 
     Args:
         u: float64 [n] frequencies from 0 along either axis, cycles per micrometre.
         steepest: most waves that the phase turns over a micrometre.
-        tolerance: as for :func:`phased`.
     """
     n, dot, moments = u.size, pupil.x.dot_um, 0
     (ny, nx), dots, rim = pupil.whole.shape, int(np.count_nonzero(pupil.whole)), pupil.rim_row.size

@@ -94,7 +94,6 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
 
     Args:
         table: lags up to half a cycle per pixel at the longest wavelength.
-        camera: gives focal length and pixel.
         samples: along a side of the square, even.
 
     Raises:

@@ -49,7 +49,6 @@ def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
     """Area of rectangles inside a stop and inside the stop moved back by a lag.
 
     Args:
-        stop: see :func:`has_closed_form`.
         box_um: float64 [4, n], x0, x1, y0, y1.
         lag_um: float64 [2, n], x, y.
     """
@@ -70,10 +69,7 @@ def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
 
 
 def _in_both_discs(box: Floats, lag: Floats, own_radius: float, moved_radius: float) -> Floats:
-    """Area of rectangles inside a disc about the origin and another that lies a lag behind.
-
-    The circle of the larger power bounds a point, so on either side of the circles' radical axis it is a single one.
-    """
+    """Area of rectangles in a disc about the origin and in one a lag behind, split at their radical axis."""
     area, split = np.empty(box.shape[1]), []
     for start in range(0, area.size, _AT_A_TIME):
         some = slice(start, start + _AT_A_TIME)
@@ -171,10 +167,7 @@ def area_in_both_discs(x: Floats, y: Floats, lag: tuple[float, float], hole: flo
 
 
 def _beside(x: Floats, y: Floats, height: Floats, normal: Floats) -> tuple[Floats, Floats]:
-    """Polygons [2 v, n] that are corners [v, n] clipped to where a height that rises along a normal is not negative.
-
-    Corners on the other side are moved onto the line: what that adds runs along it forth and back, and encloses none.
-    """
+    """Polygons [2 v, n] of corners [v, n] clipped to a half plane: those outside move onto its line."""
     slope = (normal**2).sum(axis=0)
     back = np.minimum(height, 0.0) / slope
     following = _next(height)
@@ -404,7 +397,6 @@ class RimLags:
     """The cut dots of a pupil, as a correction of the autocorrelation of mean transmissions.
 
     Attributes:
-        dots: the cut dots.
         kind: uint8 [ny, nx], what of an interval and the next ones along x and y a bit each tells: whether they are
             unlike, whether one of them is cut, and whether the first is; and in a binary mask which ones are whole and
             clear. 0 in a margin as wide as lags reach.
@@ -615,12 +607,7 @@ def _shifts(lattice: Lattice, lag_um: Floats, limit: int) -> Iterator[_Shift]:
 
 @dataclass(frozen=True, eq=False)
 class _Meeting:
-    """Parts of cut dots that lags move onto dots that matter.
-
-    Attributes:
-        at, part, where: intp [n], which lag, which part, ascending, and the flat index of the interval met first.
-        kind: uint8 [n], of that interval.
-    """
+    """Parts of cut dots that lags move onto dots that matter: lag, part (ascending), index and kind of interval."""
 
     rim: RimLags
     along_x: _Shift

@@ -127,8 +127,7 @@ class _Dots:
 
     Attributes:
         weights_um2: float32 [windows y, windows x], sums of w of the dots that begin in each square of steps.
-        ranges: float32 [windows y, windows x], greatest less least amplitude in every sweep.
-        sum_um2, own_um2: of w, and of what the dots share with themselves.
+        ranges: the same of greatest less least amplitude in every sweep.
     """
 
     weights_um2: NDArray[np.float32]

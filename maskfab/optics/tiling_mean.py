@@ -222,10 +222,7 @@ def _tiled(frame: Aperture, cell: Floats) -> Floats:
 
 
 def _chebyshev(axis: Floats, pitch_um: float) -> tuple[Floats, Floats]:
-    """Chebyshev nodes on the axis' range, and the matrix that interpolates from them to the axis.
-
-    Lags up to one pitch make exp(2πi pitch q), whose expansion ends about 2π pitch max|q| terms on.
-    """
+    """Chebyshev nodes on the axis' range, and the matrix that interpolates; 2π pitch max|q| terms and some more."""
     top = float(axis[-1]) or 1.0
     count = int(np.ceil(2 * np.pi * pitch_um * top)) + _SPARE_NODES
     nodes = chebpts1(count)
@@ -261,11 +258,7 @@ def _cell_variances(cells: _RandomCells, nodes: Floats) -> tuple[Floats, Complex
 
 
 def _representatives(cells: _RandomCells) -> tuple[dict[tuple[int, int], int], bool]:
-    """Cut cells with how many they stand for, and whether their sum is still to be averaged over D4.
-
-    Where all eight orientations are drawn and the panel is square about the axis, turning the panel turns one cut cell
-    into the next, and an eighth of them will do.
-    """
+    """Cut cells with how many they stand for, and whether their sum must still be averaged over D4 (square panels)."""
     row, column = np.nonzero((cells.share > 0) & (cells.share < 1))
     places = [(int(j), int(i)) for j, i in zip(row, column, strict=True)]
     x, y = cells.mean.x, cells.mean.y

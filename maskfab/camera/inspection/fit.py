@@ -492,10 +492,7 @@ def _between(frames: Sequence[NormalEquations], inflation: float) -> Floats:
 
 
 def _variance_between(values: Floats, noise: Floats) -> float:
-    """Variance of values of their own, beside that of the noise of each: the most likely, 0 where it is not proven.
-
-    It is enlarged so that 1.96 errors hold 95 % although few exposures tell it.
-    """
+    """Variance of values of their own beside their noise, raised so that 1.96 errors hold 95 %; 0 where not proven."""
     reach = float(np.ptp(values))
     tried = np.concatenate([[0.0], np.geomspace(_FINEST * noise.min(), max(reach**2, noise.min()), _TRIED)])
     weights = 1 / (noise + tried[:, None])

@@ -102,7 +102,6 @@ def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: floa
 
     Args:
         counts: which of them are used; those farther than ``half_px`` are not.
-        half_px: a whole number of steps.
     """
     side = round(half_px / step_px)
     size = 2 * side + 1

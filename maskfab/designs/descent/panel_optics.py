@@ -71,7 +71,6 @@ class Layout:
 
     Attributes:
         place: intp [ny, nx], the unit's dot at every interval of the pupil; -1 in gutters.
-        dots: along the unit's side.
         turned: int8 [cells y, cells x], orientations of the pupil's cells.
     """
 
@@ -264,13 +263,7 @@ def point_image(
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """Sources along one axis, symmetric about it.
-
-    Attributes:
-        position_um: [n], ascending.
-        width_um: of each, which is a whole dot or a whole part of one.
-        first: intp [intervals], the first source of each dot of the lattice; -1 for gutters.
-    """
+    """Sources along one axis: places, ascending; widths; intp [intervals], first source of a dot, -1 for gutters."""
 
     position_um: Floats
     width_um: float

@@ -100,7 +100,6 @@ class Descent:
     """Settings of a descent.
 
     Attributes:
-        dots: along the unit's side.
         seed: of the first start; the k-th takes seed + k.
         starts: how many; the best result counts.
         rate: learning rate of Adam (Kingma & Ba 2015), on logits.
@@ -144,9 +143,7 @@ class RelaxStep:
     Attributes:
         iteration: 0 to iterations - 1.
         loss: of the relaxed opening, without the area penalty.
-        open_ratio: mean transmission of the relaxed opening.
         best_loss: loss of the best binary opening so far; infinite before the first.
-        start: number of the start, from 0.
     """
 
     iteration: int
@@ -166,7 +163,6 @@ class DescentResult:
         unit: float [dots, dots], 0 and 1, exactly as many clear as asked for; on the CPU.
         relaxed: the last start's last transmissions, [dots, dots].
         iterations: steps done, of all starts together.
-        outcome: how it ended.
     """
 
     unit: torch.Tensor
@@ -199,7 +195,6 @@ def descend(
     Args:
         objective: lower is better.
         penalty: leads the open ratio; the judgement of binary units is without it.
-        progress: told after every step.
         checkpoint: file of the state; if it is there the run goes on from it, and it is kept up to date.
         stop_after: steps of this call, for a run in portions; the state is saved then.
 

@@ -83,9 +83,6 @@ def joint(
         unit: bool [dots, dots] to start from; it keeps the constraints.
         constraints: that every unit keeps, at every place that ``positions`` move it to.
         rounds: of unit and map; fewer are made where one brings nothing. 0 designs the map alone.
-        seed: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
-        mode: the same.
-        kicks: the same, of the first map.
         positions: the same; the places stay those of the first map.
         start, shifts, holds, steps: the same, of the first map; where ``holds`` depends on the unit, make no rounds.
         clock: the same; no round is begun when its time is over.

@@ -146,10 +146,7 @@ def _nodes(grey: float, most: float) -> Floats:
 
 
 def _lowered(value: Floats, dip: Floats) -> Floats:
-    """Values at nodes less the most by which the function can fall below its chords on either side.
-
-    By H, it rises at most once and then falls: between two nodes it is at least the lower of them.
-    """
+    """Values at nodes less the most by which the function, rising at most once and then falling, dips between."""
     rise = np.diff(value, axis=1)
     level = np.abs(rise) < dip
     lowered = value.copy()
@@ -194,9 +191,6 @@ def residues(inner: Interior, *, periodic: bool) -> Residues:
 def residue_classes(n: int) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Class of each residue [n, n] under the symmetry of the square, residues in each [c], and the cosine transform
     between classes [c, c].
-
-    Args:
-        n: dots along the unit's side.
     """
     folded = np.minimum(np.arange(n), n - np.arange(n))
     key = np.maximum(folded[:, None], folded) * n + np.minimum(folded[:, None], folded)

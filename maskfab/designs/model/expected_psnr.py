@@ -266,7 +266,6 @@ def surrogate_behind(
     frequencies are used as they are.
 
     Args:
-        settings: of the photographs.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
     Raises:

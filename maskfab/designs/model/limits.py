@@ -45,7 +45,6 @@ class Rings:
     """Lags 0 <= y <= x up to half a cycle per pixel, and the open stop's MTF at them.
 
     Attributes:
-        dots: along the unit's side.
         lags: int64 [2, m], y and x in dots.
         ring: int64 [m], length of each lag, rounded.
         clear: [m], the open stop's autocorrelation times the pixel's sinc.
@@ -191,7 +190,6 @@ class Bounds:
 
     Attributes:
         level_db: levels of light in dB.
-        clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
         psnr: dB, no unit tiled so has a higher expected interior PSNR.
         grey: dB, a neutral filter that passes as much light, which is also the open stop exposed as briefly.
@@ -237,7 +235,6 @@ def bounds(
     """Bounds for units of the surrogate's size, its scenes and its camera.
 
     Args:
-        estimate: of the scenes.
         levels: of light; None for the surrogate's own.
 
     Raises:

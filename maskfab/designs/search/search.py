@@ -181,11 +181,7 @@ def _designed(
 
 
 def _first_that_fits(ready: Prepared, listed: Sequence[Listed]) -> tuple[Listed, Mapped, DieFit | None]:
-    """The first of a list whose panel holds the display on a die, if one must; only guarded maps may fail to.
-
-    Raises:
-        JobError: MF123 where none does.
-    """
+    """The first of a list whose panel holds the display on a die, if one must; MF123 where none does."""
     alike = (replace(one, alike=True) for one in listed if one.guard is not None)
     for chosen in (*listed, *alike):
         laid = mapped(ready, chosen)

@@ -447,12 +447,7 @@ def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int,
 
 @dataclass(frozen=True, eq=False)
 class _Dots:
-    """Dots of polygons.
-
-    Attributes:
-        blocks: int64 [n, 4] of the lowest row, the one above the highest, the first dot and the one beyond the last.
-        half: of the side of the writable area, in nanometres.
-    """
+    """Dots of polygons: int64 [n, 4], rows and dots from first to beyond the last, and half the writable side, nm."""
 
     blocks: Ints
     grid: DotGrid

@@ -338,10 +338,7 @@ def triangulated(contours: Sequence[Polygon], turn: _Turn) -> Ints:
 
 
 def _delaunay(points: Ints, triangles: Ints, turn: _Turn) -> Ints:
-    """The triangles, diagonals turned until no corner lies in the circle of a neighbour.
-
-    That makes the least angle as large as it can be (C. L. Lawson, Software for C1 surface interpolation, 1977).
-    """
+    """The triangles, diagonals turned until no corner lies in a neighbour's circle (C. L. Lawson, 1977)."""
     start, end, number = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel(), np.arange(triangles.size)
     sides, turned = start * len(points) + end, end * len(points) + start
     order = np.argsort(sides)
@@ -385,14 +382,7 @@ def _compiled() -> _Turn:
 
 
 def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, first: Any) -> None:
-    """Turn diagonals, the last side first, and after each turn the four sides about it.
-
-    Args:
-        start: corner that each side starts from.
-        following: side that comes after each in its triangle.
-        twin: the same side in the neighbour; -1 for none.
-        first: side of each triangle that its corners are told from.
-    """
+    """Turn diagonals, the last side first, and after each turn the four sides about it."""
     turns = [0] * len(start)
     waiting = [(0, 0)]
     waiting.pop()

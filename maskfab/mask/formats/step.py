@@ -49,7 +49,6 @@ class Shade:
 
     Attributes:
         rgb: red, green and blue, 0 to 1.
-        transparency: 0 is opaque.
     """
 
     rgb: tuple[float, float, float]
@@ -294,10 +293,7 @@ def _box(size_nm: Floats, low_nm: Floats | None = None) -> Any:
 
 
 def _film(panel: Panel, opening: int, stack: Stack) -> Any:
-    """A box less the prisms of the openings.
-
-    Not a prism of the film's face: where holes touch by a corner that passes every check, but not once it is read back.
-    """
+    """A box less the prisms of the openings; a prism of the film's face fails where holes touch by a corner."""
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism

@@ -183,7 +183,6 @@ class Line:
 
     Attributes:
         name: of the mark that it belongs to.
-        text: as it should read.
         left: where the cell of the first letter begins, nanometres.
         base: on which letters stand.
         step: a 28th of their height.

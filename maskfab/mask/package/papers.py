@@ -211,7 +211,6 @@ class OrderSheet:
     """An order as rows of text.
 
     Attributes:
-        title: what the sheet is for.
         groups: headings, each with rows of label and answer; first that for which the house's form asks, in its order.
         cds: name, axis, x and y in millimetres, drawn width in micrometres of every gauge.
         files: mask files that go with it, with their SHA-256.
@@ -459,7 +458,6 @@ class MaskOrder:
     """The order that the papers of a package describe.
 
     Attributes:
-        shop: whom the package is for.
         signature: of the job, by the version that drew the plate.
         checks: what reading the masks back has shown.
         sent: formats of the mask files, in the order in which they were asked for.

@@ -111,12 +111,7 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One axis of a band: its nodes, and what the intervals that it holds send to them.
-
-    Attributes:
-        index: intp [k] numbers of the intervals, ascending.
-        moments: float64 [k, orders, count], see :meth:`Nodes.moments`.
-    """
+    """One axis of a band: numbers of its intervals, intp [k], and their moments as of :meth:`Nodes.moments`."""
 
     positions: Positions
     index: Indices

@@ -122,12 +122,7 @@ def cell_nodes(lattice: Lattice, highest: float) -> Nodes:
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """One axis of a cell and its nodes.
-
-    Attributes:
-        whole: float64 [intervals in a period, nodes] strengths from a dot that is clear; zero for the strip.
-        rim: float64 [dots, orders, nodes] strengths from a dot's moments.
-    """
+    """One axis of a cell and its nodes: strengths of whole dots, zero for the strip, and of the moments of cut ones."""
 
     whole: Floats
     rim: Floats

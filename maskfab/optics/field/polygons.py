@@ -56,12 +56,7 @@ _SERIES = 7
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Quadrature nodes on some edges.
-
-    Attributes:
-        points: float64 [2, m], x and y in micrometres.
-        dx, dy: float64 [m], weighted components of the line element, the clear side on its left.
-    """
+    """Quadrature nodes on edges, micrometres, and weighted parts of the line element, the clear side on its left."""
 
     points: Floats
     dx: Floats
@@ -213,11 +208,7 @@ def _remainders(nodes: _Nodes, step: float, reach: int) -> Complexes:
 
 
 def _past_linear(phase: Floats) -> tuple[Complexes, Complexes]:
-    """g = exp(-iφ) - 1 + iφ and m = exp(-iφ) - 1, both to full relative precision, at -φ, 0 and φ, [2 k + 1, m].
-
-    Args:
-        phase: float64 [k, m], at most π/4 in size; sine and cosine by their series (DLMF 4.19).
-    """
+    """g = exp(-iφ) - 1 + iφ and m = exp(-iφ) - 1 to full precision at -φ, 0 and φ ≤ π/4, [2 k + 1, m] (DLMF 4.19)."""
     square = phase**2
     sine, cosine = np.ones_like(phase), np.ones_like(phase)
     for k in range(_SERIES, 0, -1):

@@ -141,7 +141,6 @@ class Projection:
     """A projection other than f tan θ, as rows of image height over the angle off the axis.
 
     Attributes:
-        focal_um: f.
         angles_rad, heights_um: of the rows, ascending, above 0; θ(r) is the odd cubic spline through them.
         name: "f theta", or "a table".
 

@@ -97,9 +97,7 @@ def spectrum_psf(
     """Point PSF of a band: that of the plan's lines, each with its share of the detected energy.
 
     Args:
-        openings, camera, scene, plan: as for :func:`scene_psf`.
         light: one of the scene's bands, or a single line's wavelength in nanometres.
-        image_um, object_um, margin: as for :func:`scene_psf`.
 
     Returns:
         The PSF; its ``wavelength_nm`` is the band's mean by energy.
@@ -223,11 +221,7 @@ def _psfs(
 
 
 def _path(choice: Choice, task: FieldTask) -> FieldPath:
-    """The choice's path; if that refuses the task, the cheapest of those of its precision that give the same field.
-
-    A path is chosen for the design at one line. What was read back may let light through between cells, and a step that
-    suits a transform at one wavelength does not at another.
-    """
+    """The choice's path; if it refuses what was read back, the cheapest of its precision for the same field."""
     (chosen,) = (path for path in PATHS if path.name == choice.path)
     if chosen.refusal(task) is None:
         return chosen
