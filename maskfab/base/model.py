@@ -96,6 +96,23 @@ class Tiling(StrEnum):
         return self in {Tiling.RANDOM, Tiling.PAPER4, Tiling.FLIPS}
 
 
+def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The array itself if nobody can write to it, else a read-only copy."""
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+class Frozen:
+    """What holds arrays that nobody can write to."""
+
+    def __post_init__(self) -> None:
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, frozen(value))
+
+
 @dataclass(frozen=True, eq=False)
 class Opening:
     """The clear shape in one display pixel, on a square grid of dots.
@@ -486,7 +503,7 @@ class Plate:
 
 
 @dataclass(frozen=True, eq=False)
-class Psf:
+class Psf(Frozen):
     """Intensity per square micrometre of sensor, so that the whole plane holds 1.
 
     Attributes:
@@ -499,9 +516,6 @@ class Psf:
     wavelength_nm: float
     kind: Literal["point", "pixel"]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
-
     @property
     def energy_in_window(self) -> float:
         """Share of all transmitted energy that falls inside the window (midpoint rule if ``point``)."""
@@ -509,7 +523,7 @@ class Psf:
 
 
 @dataclass(frozen=True, eq=False)
-class RadialMean:
+class RadialMean(Frozen):
     """Mean of an MTF over all directions at radii about those at which it falls below levels of interest.
 
     Attributes:
@@ -519,10 +533,6 @@ class RadialMean:
     frequency_cy_per_mm: Floats
     modulation: Floats
     error: Floats
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_mm", "modulation", "error"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -657,11 +667,3 @@ class Report:
     @property
     def passed(self) -> bool:
         return all(check.passed for check in self.checks)
-
-
-def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    """The array itself if nobody can write to it, else a read-only copy."""
-    if array.flags.writeable:
-        array = array.copy()
-        array.flags.writeable = False
-    return array

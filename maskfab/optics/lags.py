@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, fast_length
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Scalar, frozen
+from maskfab.base.model import Frozen, Scalar
 from maskfab.job.camera import Stop
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.pupil import Lattice, Pupil
@@ -65,7 +65,7 @@ class Shapes(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class LagTable:
+class LagTable(Frozen):
     """The pupil's autocorrelation at every cell lag and dot lag up to some reach.
 
     Attributes:
@@ -94,9 +94,6 @@ class LagTable:
     sum_um2: float = 0.0
     outline: OutlineLags | None = None
     film: LagTable | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
 
     def otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is.
@@ -433,7 +430,7 @@ _LAG_ROWS_AT_A_TIME = 128
 
 
 @dataclass(frozen=True, eq=False)
-class AxisLags:
+class AxisLags(Frozen):
     """The pupil's autocorrelation along one axis, the lag along the other being 0.
 
     Attributes:
@@ -448,10 +445,6 @@ class AxisLags:
     step_um: float
     bounds: Floats
     film: AxisLags | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("values", "bounds"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, lag_um: Floats) -> Floats:
         """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""

@@ -34,7 +34,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Indices, distinct
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Mtf, Psf, Quantity, RadialMean, frozen
+from maskfab.base.model import Frozen, Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
@@ -512,7 +512,7 @@ PHASES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class AliasedMtf:
+class AliasedMtf(Frozen):
     """The MTF of a PSF sampled once per pixel; aliased, unlike :class:`maskfab.base.model.Mtf`.
 
     Attributes:
@@ -528,10 +528,6 @@ class AliasedMtf:
     phases: Floats
     sampled: Literal["point", "pixel"]
     uncertainty: float
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_mm", "values", "phases"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def lowest(self) -> Floats:
@@ -646,7 +642,7 @@ EDGE_UM = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeSpread:
+class EdgeSpread(Frozen):
     """The image of a step from 0 to 1 along x, then along y, where pixels meet.
 
     Attributes:
@@ -659,10 +655,6 @@ class EdgeSpread:
     error: Floats
     outside: float
     wavelength_nm: float
-
-    def __post_init__(self) -> None:
-        for name in ("values", "error"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera, wavelength_nm: float) -> EdgeSpread:

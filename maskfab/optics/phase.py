@@ -59,7 +59,7 @@ from numpy.polynomial.legendre import legvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import JobError
-from maskfab.base.model import Psf, frozen
+from maskfab.base.model import Frozen, Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.polynomials import gauss_legendre, spherical_bessel, spherical_bessel_bounds
@@ -82,7 +82,7 @@ _PHASED, _MOMENT, _RIM_DOT, _SPREAD, _KERNEL, _THIN = 5e7, 3200.0, 4e5, 240.0, 6
 
 
 @dataclass(frozen=True, eq=False)
-class PhasedPupil:
+class PhasedPupil(Frozen):
     """A pupil times exp(2πi W), as Legendre moments of its dots.
 
     Attributes:
@@ -104,10 +104,6 @@ class PhasedPupil:
     degree: int
     highest: float
     error: float
-
-    def __post_init__(self) -> None:
-        for name in ("moments", "rim_moments"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def field_integral_um2(self) -> complex:

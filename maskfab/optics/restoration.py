@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Quantity, frozen
+from maskfab.base.model import Frozen, Quantity
 from maskfab.job.camera import Camera
 from maskfab.optics.lags import LagTable
 from maskfab.optics.psf import image_scale_um2
@@ -58,7 +58,7 @@ class SomeExact:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorSquare:
+class SensorSquare(Frozen):
     """|presampled OTF| at the midpoints of a grid over the upper half of the sensor's square of frequencies.
 
     Attributes:
@@ -72,9 +72,6 @@ class SensorSquare:
     uncertainty: float
     wavelength_nm: float | None
     exact: SomeExact | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "modulation", frozen(self.modulation))
 
     @property
     def before_and_after(self) -> tuple[Floats, Floats]:

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask
-from maskfab.base.model import frozen
+from maskfab.base.model import Frozen
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Lattice, Pupil
 
@@ -209,7 +209,7 @@ _QUADRANTS = [(False, False), (False, True), (True, False), (True, True)]
 
 
 @dataclass(frozen=True, eq=False)
-class RimParts:
+class RimParts(Frozen):
     """Parts of cut dots, each in one quadrant of the stop.
 
     Attributes:
@@ -223,10 +223,6 @@ class RimParts:
     mirrored: Labels
     table: Floats
     round: bool
-
-    def __post_init__(self) -> None:
-        for name in ("dot", "mirrored", "table"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @classmethod
     def of(cls, stop: Stop, x_um: Floats, y_um: Floats, transmission: Floats) -> RimParts:
@@ -393,7 +389,7 @@ _FIRST_CLEAR_BIT = 3
 
 
 @dataclass(frozen=True, eq=False)
-class RimLags:
+class RimLags(Frozen):
     """The cut dots of a pupil, as a correction of the autocorrelation of mean transmissions.
 
     Attributes:
@@ -412,11 +408,6 @@ class RimLags:
     grey: Floats | None
     margin: tuple[int, int]
     spread_um2: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "kind", frozen(self.kind))
-        if self.grey is not None:
-            object.__setattr__(self, "grey", frozen(self.grey))
 
     @property
     def stop(self) -> Stop:

@@ -29,7 +29,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
-from maskfab.base.model import ORIENTATIONS, Panel, Psf, frozen, orient
+from maskfab.base.model import ORIENTATIONS, Frozen, Panel, Psf, orient
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
@@ -43,7 +43,7 @@ _RIM_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPsf:
+class MeanPsf(Frozen):
     """The PSF of a random tiling, averaged over all layouts.
 
     Attributes:
@@ -55,10 +55,6 @@ class MeanPsf:
     psf: Psf
     variance: Floats
     random_share: Floats
-
-    def __post_init__(self) -> None:
-        for name in ("variance", "random_share"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def scatter(self) -> float:
