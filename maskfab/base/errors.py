@@ -18,8 +18,6 @@ so that code, place and cure stand on one line, and long texts have names:
         what = f"a stop of {width:g} um is narrower than the wavelength of {line:g} um"
         raise JobError("MF104", what, where=where, cure='Give the diameter of the lens, such as "4 mm"')
 
-A helper that takes the condition, the class and the texts would make every text on every call, would hide from type
-checkers what a test proves, and is one line longer as it is laid out.
 """
 
 from __future__ import annotations
@@ -335,11 +333,7 @@ class Faults:
         return isinstance(error, InputError | AtFault)
 
     def refuse(self) -> None:
-        """Raise what was found: nothing for none, one as it is, several as one.
-
-        Raises:
-            InputError: as above.
-        """
+        """Raise what was found: nothing for none, one as it is, several as one."""
         if len(self._found) > 1:
             raise ManyFaultsError(self._found)
         if self._found:

@@ -35,11 +35,7 @@ _UNKNOWN = frozenset({errno.ENOSYS, errno.EINVAL, errno.EPERM, errno.EOPNOTSUPP}
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Exchange the names of two folders of one parent.
-
-    Raises:
-        OSError: if a name cannot be changed; both have then the names that they had.
-    """
+    """Exchange the names of two folders of one parent; where that fails both keep theirs."""
     if not _at_once(one, other):
         _by_turns(one, other)
 
@@ -167,11 +163,7 @@ class Finished:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a finished output directory.
-
-    Raises:
-        OutputError: MF403 if there is none, or it lacks what every version writes.
-    """
+    """The manifest of a finished output directory; MF403 without one, or where it lacks what every version writes."""
     try:
         manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
         listed = manifest["files"]

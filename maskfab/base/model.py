@@ -569,9 +569,6 @@ class Quantity:
         at_most: whether the value is a bound that the truth may lie far below.
         between: edges of a band.
         detail: what completes a symbol or unit that differs from row to row, such as ``6 um`` in ``SE(6 um)``.
-
-    Raises:
-        InternalError: MF901 for a name that is not registered, or for a detail too many or too few.
     """
 
     name: str

@@ -53,11 +53,7 @@ def to_data(value: object, kind: Any) -> bytes:
 
 
 def from_data(data: bytes, kind: Any) -> Any:
-    """The value of a kind that data hold.
-
-    Raises:
-        Exception: for data of anything else; mostly ValueError, and whatever a class raises for fields that it refuses.
-    """
+    """The value of a kind that data hold; for other data mostly ValueError, and whatever a class raises."""
     with np.load(io.BytesIO(data), allow_pickle=False) as stored:
         tree = json.loads(stored[_TREE].tobytes())
         arrays = [stored[str(number)] for number in range(len(stored.files) - 1)]

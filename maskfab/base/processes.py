@@ -43,11 +43,7 @@ from maskfab.base.work import THREADS, settle
 
 
 def pickled(content: object) -> bytes:
-    """Bytes that unpickle to an equal value.
-
-    Raises:
-        TypeError: for a value that no other process can be given.
-    """
+    """Bytes that unpickle to an equal value; TypeError for one that no other process can be given."""
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda view: (read_only, (dict(view),))}

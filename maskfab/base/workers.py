@@ -82,11 +82,7 @@ class ClusterExecutor(ProcessExecutor):
         self._scheduler, self._installation = scheduler, installation
 
     def __enter__(self) -> ClusterExecutor:
-        """Find the workers.
-
-        Raises:
-            JobError: MF164 for a scheduler that does not answer, or workers of another version.
-        """
+        """Find the workers; MF164 for a scheduler that does not answer, or workers of another version."""
         with ExitStack() as stack:
             self._client = stack.enter_context(_client(self._scheduler))
             check_version(self._client, self._scheduler, self._installation)
@@ -149,11 +145,7 @@ def _client(scheduler: str) -> Any:
 
 
 def check_version(client: Any, scheduler: str, installation: Callable[[], str]) -> None:
-    """Refuse workers that would find other numbers.
-
-    Raises:
-        JobError: MF164 without workers, or if one has other code or other versions of libraries.
-    """
+    """Refuse workers that have other code or versions of libraries, and would find other numbers (MF164)."""
     cure = "Install the same maskfab and the same libraries there, and start the workers again"
     try:
         versions = client.run(installation, on_error="return")

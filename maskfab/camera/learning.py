@@ -379,11 +379,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: Path) -> Checkpoint:
-        """Of a file; no code in it is run.
-
-        Raises:
-            SourceError: MF301 without a file, MF303 for a damaged one, MF304 for one of another kind.
-        """
+        """Of a file, of which no code is run; MF301 without one, MF303 if it is damaged, MF304 if of another kind."""
         if not os.path.isfile(path):
             raise SourceError("MF301", no_file(path, path), cure="Train one with maskfab learn")
         state = read_state(path)

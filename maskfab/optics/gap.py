@@ -107,11 +107,7 @@ def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float 
 
 
 def moved_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
-    """Openings moved by (x, y) and cut by the stop, which stays in the middle.
-
-    Raises:
-        JobError: MF114 if the moved openings no longer cover the stop.
-    """
+    """Openings moved by (x, y) and cut by the stop, which stays in the middle; MF114 if they do not cover it."""
     check_cover(openings, stop, moved_um)
     return cut(moved_aperture(openings, moved_um, stop.diameter_um / 2), stop)
 

@@ -96,11 +96,7 @@ class LagTable(Frozen):
     film: LagTable | None = None
 
     def otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is."""
         coarse = self.coarse_otf(lag_x_um, lag_y_um)
         if not self.rims:
             return coarse
@@ -114,11 +110,7 @@ class LagTable(Frozen):
         return exact
 
     def coarse_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster."""
         lag_x, lag_y = np.asarray(lag_x_um), np.asarray(lag_y_um)
         self._refuse_beyond_reach(lag_x, lag_y)
         total = np.zeros(np.broadcast(lag_x, lag_y).shape)
@@ -132,11 +124,7 @@ class LagTable(Frozen):
         return total / self.energy_um2 + (0.0 if self.film is None else self.film.coarse_otf(lag_x, lag_y))
 
     def coarse_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still."""
         self._refuse_beyond_reach(lag_x_um, lag_y_um)
         cells_y, dots_y, cells_x, dots_x = self.values.shape
         table = self.values.reshape(cells_y * dots_y, cells_x * dots_x)

@@ -560,7 +560,6 @@ def aliased_mtf(
 
     Raises:
         JobError: MF104 if there is no phase, or if the samples of some phase sum to nothing.
-        InternalError: MF901 if the table's reach is short.
     """
     if phases < 1:
         raise JobError("MF104", f"{phases} sub-pixel phases are too few", cure="Give 1 phase or more")
@@ -717,9 +716,6 @@ def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread,
 
     The edge is imaged along x and along y, white being (1, 1, 1) in linear sRGB; the grey edge has the mean of the
     three as all its channels.
-
-    Raises:
-        InternalError: MF901 if they do not share a grid.
     """
     edges = (red, green, blue)
     if len({edge.values.shape for edge in edges}) > 1:

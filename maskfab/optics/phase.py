@@ -532,11 +532,7 @@ def image_distance_um(focal_um: float, object_um: float) -> float:
 
 
 def defocus_waves(camera: Camera, wavelength_nm: float, object_um: float, focus_um: float) -> Waves:
-    """The phase of an object at one distance while the camera is focused at another, as a function of x, y in um.
-
-    Raises:
-        JobError: MF104 for a distance within the focal length.
-    """
+    """Phase (x, y in um) of an object while the camera is focused elsewhere; MF104 within the focal length."""
     curvature = 1 / image_distance_um(camera.focal_um, focus_um) - 1 / image_distance_um(camera.focal_um, object_um)
     factor = curvature / (2 * wavelength_nm * UM_PER_NM)
 

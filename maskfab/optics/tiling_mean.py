@@ -70,9 +70,6 @@ def mean_psf(
     Args:
         panel: opening, pitch and extent; its own orientations do not matter.
         elements: orientations to draw from, in the numbering of :func:`maskfab.base.model.orient`; repeats weigh more.
-
-    Raises:
-        InternalError: MF901 without elements.
     """
     cells = _random_cells(panel, camera.stop, elements)
     step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm)

@@ -41,13 +41,10 @@ Notes:
     Blue AUC as published, bundled scenes, one seed each: L2 + inv 0.108 for ``paper4`` and 0.082 periodic, L2 0.115 and
     0.086; the authors' masks have 0.119, 0.073, 0.129 and 0.065. Their L2 + inv mask has 0.111 in the very layout that
     ``paper4`` is here: most of that difference is the layout. It has the same L_data as ours there, 0.169 and 0.168
-    with its weight. AUC tells little: four masks of 100 dots drawn at random have 0.135 to 0.140, and two to three
-    times the L_data.
+    with its weight. AUC tells
+    little: four masks of 100 dots drawn at random have 0.135 to 0.140.
     The end is no minimum: uniform grey has an L_data of 0.001, and its L_inv is twice as good. What the run ends on is
     how its dots froze, one by one, at steps of about one logit: with the inverse filter all but a few.
-    Other settings end elsewhere. With a ratio of 2e-3 in single precision a fifth of the dots is still grey (0.105);
-    with that ratio halved, crops of 256 in batches of four and 900 steps nearly all are, and thresholding leaves 0.072.
-    Which of these changes does it was not taken apart. The settings here are those nearest to the published ones.
 """
 
 from __future__ import annotations
@@ -200,7 +197,6 @@ def descend(
 
     Raises:
         JobError: MF104 for a start on which nothing has any slope.
-        InternalError: MF901 if the very first loss, or the judgement of every binary unit, is not finite.
         SourceError: MF303, MF304 for a checkpoint that is damaged or another run's.
         OutputError: MF401 if the checkpoint cannot be written.
     """

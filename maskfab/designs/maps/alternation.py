@@ -171,11 +171,7 @@ def dot_slopes(slope: Slope, orientations: NDArray[np.int8], shifts: tuple[Shift
 
 
 def require_places(constraints: Constraints) -> None:
-    """Refuse rules whose proof takes neighbours, or what lies behind all cells, to be those of one place.
-
-    Raises:
-        JobError: MF123 for any of these.
-    """
+    """Refuse rules whose proof takes neighbours, or what lies behind cells, to be those of one place (MF123)."""
     if asked := constraints.one_place:
         what = f"an opening at several places in its cell cannot be shown to keep {' and '.join(sorted(asked))}"
         raise JobError("MF123", what, where="positions", cure="Use positions = 1, or relax that rule")

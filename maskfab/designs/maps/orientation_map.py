@@ -208,11 +208,7 @@ def design_map(
 
 
 def require_size(room: CellGrid) -> None:
-    """Refuse cells for which no map can be designed.
-
-    Raises:
-        JobError: MF115 for more than 85 dots along a cell, or 1000 cells along the panel.
-    """
+    """Refuse a map of more than 85 dots along a cell, or 1000 cells along the panel (MF115)."""
     for have, most, what in (
         (room.dots, _MOST_DOTS, "dots along a cell"),
         (room.cells, _MOST_CELLS, "cells along the panel"),

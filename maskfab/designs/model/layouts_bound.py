@@ -22,10 +22,6 @@ at the grey panel of the same light.
 Notes:
     It says nothing of layouts that share light otherwise between cells, nor of what leaks in from the frame's edge.
     What sampling folds back is that of a grey panel, as everywhere here.
-    Of the 0.80, 0.52 and 0.35 dB between it and the map of ``layouts/display_that_fits.toml`` at 24, 32 and 40 dB, dots
-    packed towards the axis are 0.13 to 0.25, the third term 0.35 to 0.07; the rest is that lags may share their pairs
-    as no pupil can. Of two openings that share light unevenly (``layouts/display_density.toml``) it leaves 0.62, 0.40
-    and 0.33 dB. 130 tries in place of 36 for w leave 0.05, 0.04 and 0.00 dB less, in four times the time.
 """
 
 from __future__ import annotations

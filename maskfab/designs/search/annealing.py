@@ -181,7 +181,6 @@ def scan(
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
             keeps them.
-        InternalError: MF901 if the objective is not a number.
     """
     constraints.require_possible()
     expected = len(candidates) if isinstance(candidates, Sized) else 0
@@ -357,7 +356,6 @@ def anneal(
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 for a start that
             breaks them, MF105 for no or other moves, MF104 for temperatures that are not positive and falling.
-        InternalError: MF901 if the objective is not a number.
     """
     _check(moves, temperature, evaluations)
     constraints.require_possible()

@@ -117,11 +117,7 @@ def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_
 
 
 def first_shape(section: SearchSection) -> Mask:
-    """The first shape that the section's families have, whatever its rules.
-
-    Raises:
-        OpeningError: MF204 for a count that the family cannot have.
-    """
+    """The first shape that the section's families have, whatever its rules; MF204 for a count that none can have."""
     return next(FAMILIES[section.families[0]](section.dots, section.clear_dots)).unit
 
 

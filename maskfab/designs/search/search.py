@@ -288,11 +288,7 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
 
 
 def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
-    """Appraise a panel in every condition.
-
-    Raises:
-        JobError: as :func:`maskfab.designs.model.appraisal.appraise_over`.
-    """
+    """Appraise a panel in every condition."""
     errors = judges.by_distance or (judges.in_focus,)
     seed, across = map_seed(section), cells_across(seen.camera, seen.scene, judges.room)
 

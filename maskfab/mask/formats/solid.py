@@ -116,11 +116,7 @@ def check_solid_size(die: Die, kind: str, most_vertices: int, most_cells: int) -
 
 
 def check_mesh_size(die: Die, kind: str) -> None:
-    """As :func:`check_solid_size`, of a mesh, which repeats the outlines of every cell.
-
-    Raises:
-        OutputError: MF410 if a cell has no chrome at all; MF412 for more than :data:`MOST_MESH_VERTICES`.
-    """
+    """As :func:`check_solid_size`, of up to :data:`MOST_MESH_VERTICES`: a mesh repeats the outlines of every cell."""
     _check_chrome(die, kind)
     vertices = mesh_vertices(die.panel)
     if vertices > MOST_MESH_VERTICES:

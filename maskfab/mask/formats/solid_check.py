@@ -57,11 +57,7 @@ def damaged(path: Path, why: object) -> SourceError:
 
 
 def check_reach(path: Path, *lengths_nm: Floats) -> None:
-    """Refuse coordinates that no plate has, which arithmetic on them could only turn into warnings.
-
-    Raises:
-        SourceError: MF303 for one that is not finite or farther than 10 m away.
-    """
+    """Refuse coordinates that are not finite or farther than 10 m away (MF303), before arithmetic on them warns."""
     for values in lengths_nm:
         farthest = float(np.abs(values).max(initial=0.0))
         if not farthest <= _FARTHEST_NM:

@@ -327,11 +327,7 @@ _SOLID_CHROME, _SOLID_GLASS = (*solid.CHROME_RGB, 1.0), (*solid.GLASS_RGB, solid
 
 
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
-    """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement.
-
-    Raises:
-        OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
-    """
+    """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement."""
     stack = stack or Stack()
     solid.check_solid_size(die, "cadquery assembly", solid.MOST_CAD_VERTICES, solid.MOST_CAD_CELLS)
     import cadquery

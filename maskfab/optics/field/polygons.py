@@ -87,9 +87,6 @@ class Boundary:
         Args:
             step: distance between frequencies, cycles per micrometre.
             count: number of frequencies along each axis, odd.
-
-        Raises:
-            InternalError: MF901 if the grid goes beyond ``highest``.
         """
         middle = count // 2
         across = step * np.arange(-middle, middle + 1, dtype=np.float64)

@@ -98,11 +98,7 @@ class Distortion:
         return x_um * stretch, y_um * stretch
 
     def undistorted(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
-        """The points of the undistorted picture that land there: the inverse of :meth:`displaced`.
-
-        Raises:
-            JobError: MF104 beyond ``farthest_um``.
-        """
+        """The points of the undistorted picture that land there (:meth:`displaced`); MF104 beyond ``farthest_um``."""
         radius = np.hypot(x_um, y_um)
         if float(np.max(radius)) >= self.farthest_um:
             what = (

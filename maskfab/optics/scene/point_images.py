@@ -77,7 +77,6 @@ def scene_psf(
         JobError: MF104 for an image point outside the field, an object outside the depth or a line shorter than the
             plan's; MF114 if the openings do not cover the stop from there; MF115 if the choice takes more than one job
             may, which a plan rules out for the panel that it was made for.
-        InternalError: MF901 if the plan was made for another camera or scene.
     """
     seen = _psfs(openings, camera, scene, plan, [wavelength_nm], image_um=image_um, object_um=object_um, margin=margin)
     return next(seen)
@@ -104,7 +103,6 @@ def spectrum_psf(
 
     Raises:
         JobError: as for :func:`scene_psf`; MF104 for a band where the plan is one of lines.
-        InternalError: MF901 as for :func:`scene_psf`.
     """
     if not isinstance(light, Band):
         return scene_psf(
