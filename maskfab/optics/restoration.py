@@ -68,7 +68,6 @@ class SensorSquare(Frozen):
     """
 
     modulation: Floats
-    step_cy_per_um: float
     uncertainty: float
     wavelength_nm: float | None
     exact: SomeExact | None = None
@@ -110,7 +109,7 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
         if line is None or not table.rims or not table.affords(_FEWEST_EXACT)
         else _some_exact(table, camera, line, axis, upper)
     )
-    return SensorSquare(modulation, step, table.coarse_uncertainty, line, exact)
+    return SensorSquare(modulation, table.coarse_uncertainty, line, exact)
 
 
 def _some_exact(table: LagTable, camera: Camera, wavelength_nm: float, axis: Floats, upper: Floats) -> SomeExact:

@@ -247,11 +247,6 @@ class RimParts(Frozen):
         mirrors = np.array(_QUADRANTS * len(discs), dtype=np.int8)
         return cls(dot, mirrors[place].T, np.stack(tables, axis=-2)[..., place, dot], stop.round)
 
-    @property
-    def clear_um2(self) -> Floats:
-        """Clear area of each part times the dot's transmission, negative in an annulus's dark middle, [m]."""
-        return np.asarray(self.table[-1, 1])
-
     def excess_um2(self, part: Indices, share: Floats, quarters: Labels | Floats) -> Floats:
         """Area that quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
 

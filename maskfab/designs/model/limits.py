@@ -107,7 +107,7 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
     """
     n, count = around.dots, around.count
     y, x = around.lags
-    every, size, _ = residue_classes(n)
+    every, size = residue_classes(n)
     classes = len(size)
     far = np.full(len(y), True) if periodic else np.maximum(y, x) >= n
     # Of the lags of one ring and one residue only the faintest can be the least.
