@@ -105,7 +105,7 @@ def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 class Frozen:
-    """What holds arrays that nobody can write to."""
+    """Base of dataclasses whose arrays nobody can write to."""
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):

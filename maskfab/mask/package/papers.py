@@ -101,7 +101,7 @@ def _draw_plate(axes: Axes, plate: Plate) -> None:
     marks = [polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
     if marks:
         # Limits are stated below; to find them of letters takes longer than to draw those.
-        axes.add_artist(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
+        axes.add_artist(PathPatch(path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
     axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_INK, linewidth=0.5)
     _dimension(axes, -half, half, -1.06 * half, f"blank {2 * half:.6g} mm", upright=False)
     _dimension(axes, -room, room, -1.13 * half, f"writable {2 * room:.6g} mm", upright=False)
@@ -170,7 +170,7 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
         axes.text(left + 0.2, 0.015, side, ha="center", va="center", fontsize=7.5)
 
 
-def _path_mm(polygons: Sequence[Polygon]) -> Path:
+def path_mm(polygons: Sequence[Polygon]) -> Path:
     """Polygons as one path: an element for each would make the drawing ten times as large."""
     vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
     codes = [
