@@ -186,7 +186,7 @@ class MaskfabError(Exception):
 
     def __init__(self, code: str, what: str, *, where: str = "", cure: str = "") -> None:
         what, where, cure = (
-            (text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}")
+            text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
             for text in (what, where, cure)
         )
         self.code = code

@@ -35,7 +35,7 @@ _UNKNOWN = frozenset({errno.ENOSYS, errno.EINVAL, errno.EPERM, errno.EOPNOTSUPP}
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Exchange the names of two folders of one parent; where that fails both keep theirs."""
+    """Exchange the names of two folders of one parent; OSError where that fails, and both keep theirs."""
     if not _at_once(one, other):
         _by_turns(one, other)
 

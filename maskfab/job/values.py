@@ -599,10 +599,7 @@ def _refuse_crossing(corners: Sequence[Corner]) -> None:
                 shared, before, after = (
                     (first[1], first[0], second[1]) if j == k + 1 else (first[0], first[1], second[0])
                 )
-                meet = _turn(before, shared, after) == 0 and (
-                    (shared[0] - before[0]) * (after[0] - shared[0]) + (shared[1] - before[1]) * (after[1] - shared[1])
-                    < 0
-                )
+                meet = _turn(before, shared, after) == 0 and _ahead(before, shared, after)
             else:
                 meet = _cross(*first, *second)
             if meet:
@@ -614,6 +611,11 @@ def _turn(p: Corner, q: Corner, r: Corner) -> float:
     """Positive if p, q, r turn left; 0 on a line, up to rounding."""
     turn = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
     return 0.0 if abs(turn) <= 1e-12 * math.dist(p, q) * math.dist(p, r) else turn
+
+
+def _ahead(p: Corner, q: Corner, r: Corner) -> bool:
+    """Whether the way from q to r leads back along that from p to q."""
+    return (q[0] - p[0]) * (r[0] - q[0]) + (q[1] - p[1]) * (r[1] - q[1]) < 0
 
 
 def _cross(p: Corner, q: Corner, r: Corner, s: Corner) -> bool:

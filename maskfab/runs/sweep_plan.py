@@ -510,6 +510,7 @@ def _case(
             raise
         reason = f"{refusal.code} {refusal.what}"
         return Case(_key(document, quantities), levels, None, reason)
+    # Openings that another was put in place of do not count.
     used = {name for die in spec.die for name in (die.opening, *(die.others or ()))}
     stated = spec.model_copy(update={"openings": {k: v for k, v in spec.openings.items() if k in used}}).dump()
     return Case(_key(stated, quantities), levels, stated)

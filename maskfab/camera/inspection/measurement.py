@@ -164,6 +164,7 @@ def _explained(
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
     identity = identified(panels, camera, light, taken, progress)
     setting, panel = identity.fit.setting, panels[identity.best.die]
+    # Bent beyond what a writer or a camera does.
     if abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or abs(setting.scale) >= _STRETCHED:
         there = _other_die({identity.best.die: panel}, others, camera, light, taken, progress)
         raise _none(setting, identity.best.die, panel, there)

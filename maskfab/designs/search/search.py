@@ -124,6 +124,7 @@ def _designed(
     """Appraise what was found, as far as there is time, and put it together."""
     question, section, expected = ready.question, ready.section, ready.judges.expected
     clock, levels, errors = question.clock, question.settings.levels, ready.map_judges
+    # Costs of the eye's rules take half a second for each opening, which no budget leaves.
     dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
     priced = prices(state.looked, expected, rules) if state.looked and not dear else None
     psnr, appraisal, head_room, gap, notes = laid.psnr, Facts(), None, None, (*state.notes, *laid.notes)

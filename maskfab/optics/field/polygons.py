@@ -94,9 +94,8 @@ class Boundary:
             what = f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
             raise InternalError("MF901", what)
         extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
-        reach = min(
-            middle, _MOST_NEAR, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR
-        )
+        # Frequencies on either side of 0 that are summed directly.
+        reach = min(middle, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
         half, near = np.zeros((count, count), dtype=np.complex128), np.zeros((2 * reach + 1,) * 2, dtype=np.complex128)
         for nodes in self._parts():
             if reach < middle:

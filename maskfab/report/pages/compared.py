@@ -106,9 +106,8 @@ def compare_reports(
     for name, (report, die) in chosen.items():
         other = report.document["camera"] != first.document["camera"]
         rows = [row for row in die["quantities"] if not other or row["name"] in _OF_ITS_OWN]
-        merged.append(
-            {**die, "name": name, "quantities": [({**row, "die": name} if "die" in row else row) for row in rows]}
-        )
+        renamed = [{**row, "die": name} if "die" in row else row for row in rows]
+        merged.append({**die, "name": name, "quantities": renamed})
     for report in reports[1:]:
         if report.document["camera"] != first.document["camera"]:
             camera = ", ".join(_parted(first.document["camera"], report.document["camera"]))
