@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from maskfab.api.results import Result
@@ -36,6 +37,12 @@ if TYPE_CHECKING:
 _WIDTH = 100
 _CODE = re.compile(r"(?i)\s*(mf.?\d|\d)")
 _INDENT = " " * len("Usual cause: ")
+_SCHEMAS = {
+    "job": "job.reference:job_schema",
+    "report": "report.documents.report:schema",
+    "check": "report.documents.display:check_schema",
+    "advice": "report.pages.advice:schema",
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,24 +111,11 @@ def explain(
 
 
 def _schema(of: str) -> dict[str, Any]:
-    if of == "job":
-        from maskfab.job.reference import job_schema
-
-        return job_schema()
-    if of == "report":
-        from maskfab.report.documents.report import schema as report_schema
-
-        return report_schema()
-    if of == "check":
-        from maskfab.report.documents.display import check_schema
-
-        return check_schema()
-    if of == "advice":
-        from maskfab.report.pages.advice import schema as advice_schema
-
-        return advice_schema()
-    cure = "Name job, report, check or advice"
-    raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure=cure)
+    if of not in _SCHEMAS:
+        cure = "Name job, report, check or advice"
+        raise JobError("MF105", f"there is no schema of {of!r}", where="schema", cure=cure)
+    document: dict[str, Any] = resolve_name(f"maskfab.{_SCHEMAS[of]}")()
+    return document
 
 
 def _of_quantity(name: str) -> Answer | None:

@@ -173,10 +173,7 @@ def _panel(stated: object, camera: Camera | None, where: str) -> Panel:
 
 
 def _apart(named: Iterable[tuple[str, Panel]]) -> Iterator[tuple[str, Panel]]:
-    """Panels in which no two openings that differ have one name: those of arrays are all called alike.
-
-    A job holds openings by their names, so the later one gets the name of its die.
-    """
+    """Panels in which no two openings that differ have one name, as those of arrays do: the later gets its die's."""
     from maskfab.mask.opening_file import opening_text
 
     texts: dict[str, str] = {}

@@ -268,11 +268,7 @@ def _stop(stated: Length | Mapping[str, object]) -> object:
 
 
 def _require_directions(camera: Lens) -> None:
-    """Refuse a lens so short that no direction of light reaches the rim of its window.
-
-    Light that leaves the openings at the angle a meets the sensor at f sin a (Goodman, Fourier Optics, 5.2), never
-    further out than f.
-    """
+    """Refuse a lens with no light at its window's rim: angle a lands at f sin a (Goodman, Fourier Optics, 5.2)."""
     if camera.window_um / 2 <= camera.focal_um:
         return
     what = f"behind a focal length of {camera.focal_um:g} um no light reaches the rim of a window of "

@@ -172,11 +172,7 @@ def compare(
 
 
 def _jobs(sources: Sequence[Any], camera: Camera | None, beside: Sequence[FinishedReport]) -> list[tuple[str, Job]]:
-    """Jobs of what is no finished report, and what they are called: plates and jobs by themselves, all panels together.
-
-    Args:
-        beside: finished reports, whose conditions panels are photographed under.
-    """
+    """Jobs of what is no finished report, and their names: plates and jobs by themselves, all panels together."""
     from maskfab.api.plate import Plate
     from maskfab.mask.job import Job
 

@@ -52,7 +52,10 @@ class Opening(model.Opening):
         Raises:
             JobError: MF103, MF104, MF106 or MF107 for the pitch, MF104 or MF105 for the size, MF110 for the name.
         """
-        width, height = _pair(size)
+        if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
+            what = f"size = {size!r} is not width and height in dots"
+            raise JobError("MF105", what, where="size", cure="Write size = (15, 7)")
+        width, height = _whole(size[0], "size"), _whole(size[1], "size")
         mask = shapes.stripe(_whole(dots, "dots"), width, width * height)
         made: dict[str, str | int | float] = {
             "author": "maskfab",
@@ -351,10 +354,3 @@ def _whole(value: object, key: str) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise JobError("MF105", f"{key} = {value!r} is not a whole number", where=key, cure=f"Write {key} = 21")
     return int(value)
-
-
-def _pair(size: object) -> tuple[int, int]:
-    if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
-        what = f"size = {size!r} is not width and height in dots"
-        raise JobError("MF105", what, where="size", cure="Write size = (15, 7)")
-    return _whole(size[0], "size"), _whole(size[1], "size")

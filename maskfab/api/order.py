@@ -482,14 +482,7 @@ def _packed(package: Package, shop: Shop) -> dict[str, Any]:
 
 
 def _verdict(findings: Sequence[Finding], shop: str, mail: str, failed: Sequence[str] = ()) -> tuple[str, ...]:
-    """Sources of the rules that are broken, the verdict, and questions to the house ready for a mail.
-
-    Args:
-        findings: the house's rules.
-        shop: its name.
-        mail: questions to it, as one text.
-        failed: checks of the files that fail.
-    """
+    """Sources of the rules that are broken, the verdict, and questions to the house ready for a mail."""
     refused = [finding for finding in findings if finding.passed is False]
     lines = [
         f"source of the rules: {source}" for source in dict.fromkeys(finding.source for finding in refused) if source

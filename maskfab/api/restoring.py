@@ -194,10 +194,7 @@ class Restoration(FolderResult):
         }
 
     def _write(self, place: Annotated[Place, "FOLDER!"]) -> list[Path]:
-        """``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, the document and the page.
-
-        Pictures that were brought onto the first are ``NAME_on_FIRST.png`` and ``.exr``.
-        """
+        """``NAME.png`` (sRGB) and ``NAME.exr`` (linear, half), ``NAME_on_FIRST`` if moved, document and page."""
         facts_of = {photo.name: photo.facts for photo in self.photos}
         pictures = [(photo.name, photo.picture, photo.facts) for photo in self.photos]
         pictures += [(f"{photo.name}_on_{photo.onto}", photo.picture, facts_of[photo.name]) for photo in self.brought]

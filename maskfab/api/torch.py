@@ -18,9 +18,7 @@ The panel is stated by ``like``, a panel whose opening is replaced by the dots, 
 of :meth:`maskfab.Panel.tile`; without a ``size`` it is as large as the camera's stop. What does not depend on the dots
 is kept from call to call, for the last few layouts and cameras.
 
-The formulas, and how the stop's edge cuts dots, stand in :mod:`maskfab.designs.descent.panel_optics`. MTF and restored
-error are read from the autocorrelation and by the loss that the descent of :func:`maskfab.design` runs on; no loss of
-its own looks at a PSF.
+The formulas stand in :mod:`maskfab.designs.descent.panel_optics`.
 """
 
 from __future__ import annotations

@@ -28,11 +28,7 @@ def distinct(values: NDArray[Number]) -> NDArray[Number]:
 
 
 def write_arrays(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays by name as one npz.
-
-    Raises:
-        ValueError: for an array of Python's objects, which would be pickled.
-    """
+    """Write arrays by name as one npz; ValueError for an array of Python's objects, which would be pickled."""
     if any(array.dtype.hasobject for array in arrays.values()):
         raise ValueError("an array of objects is no data")
     # To numpy before 2.2 allow_pickle would be one more array.

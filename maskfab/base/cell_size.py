@@ -20,8 +20,6 @@ class CellSize:
     """A square cell: dots side by side, with an opaque gutter round them.
 
     Attributes:
-        dots: along a side.
-        dot_nm: side of one dot.
         gutter_nm: opaque space between the dots of neighbouring cells, half of it on each side of a cell.
     """
 
@@ -31,11 +29,7 @@ class CellSize:
 
     @classmethod
     def of_pitch(cls, pitch_um: float, dots: int, gutter_nm: int = 0, *, where: str) -> CellSize:
-        """The cell whose dots and gutter make a pitch.
-
-        Raises:
-            JobError: MF107 if no dot of whole nanometres does; the nearest pitch is told.
-        """
+        """The cell whose dots and gutter make a pitch; MF107, with the nearest, if no dot of whole nanometres does."""
         dot_nm = max(1, round((pitch_um * NM_PER_UM - gutter_nm) / dots))
         made = cls(dots, dot_nm, gutter_nm)
         if not made.has_pitch(pitch_um):

@@ -62,8 +62,6 @@ class FormatCost:
     """Cost of the files of a format: seconds of a processor, and bytes of the largest process.
 
     Attributes:
-        format: by its name in a job.
-        files: of it.
         write_s, write_bytes: to write them.
         read_s, read_bytes: to read them back and compare them.
     """

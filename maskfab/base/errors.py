@@ -18,8 +18,6 @@ so that code, place and cure stand on one line, and long texts have names:
         what = f"a stop of {width:g} um is narrower than the wavelength of {line:g} um"
         raise JobError("MF104", what, where=where, cure='Give the diameter of the lens, such as "4 mm"')
 
-A helper that takes the condition, the class and the texts would make every text on every call, would hide from type
-checkers what a test proves, and is one line longer as it is laid out.
 """
 
 from __future__ import annotations
@@ -182,13 +180,15 @@ class MaskfabError(Exception):
         code: a key of :data:`CATALOGUE`.
         what: what is wrong, with the value and its unit and the limit it breaks.
         where: file and key (``layouts/x.toml: camera.focal``), or empty.
-        cure: what to do about it.
     """
 
     exit_code = 3
 
     def __init__(self, code: str, what: str, *, where: str = "", cure: str = "") -> None:
-        what, where, cure = (_clipped(text) for text in (what, where, cure))
+        what, where, cure = (
+            text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
+            for text in (what, where, cure)
+        )
         self.code = code
         self.summary = CATALOGUE[code]
         self.what = what
@@ -223,11 +223,6 @@ def is_lack_of_memory(error: BaseException) -> bool:
         or (isinstance(error, OSError) and error.errno == ENOMEM)
         or any(words in str(error) for words in _LACK_OF_MEMORY)
     )
-
-
-def _clipped(text: str) -> str:
-    """A text clipped to a readable length; a damaged file may put anything into it."""
-    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
 
 
 class InputError(MaskfabError):
@@ -338,11 +333,7 @@ class Faults:
         return isinstance(error, InputError | AtFault)
 
     def refuse(self) -> None:
-        """Raise what was found: nothing for none, one as it is, several as one.
-
-        Raises:
-            InputError: as above.
-        """
+        """Raise what was found: nothing for none, one as it is, several as one."""
         if len(self._found) > 1:
             raise ManyFaultsError(self._found)
         if self._found:

@@ -66,8 +66,6 @@ def require(*extras: str, what: str, where: str = "", otherwise: str = "", loads
     Args:
         extras: that install them.
         what: needs them, such as "writing stl".
-        where: it was asked for.
-        otherwise: what else could be done.
         loads: compiled modules of theirs that load libraries of the system.
 
     Raises:

@@ -57,11 +57,7 @@ class Aside:
 
 
 def make(target: Path, ending: str, create: Callable[[Path], object]) -> Aside:
-    """Something new beside ``target``, made by ``create`` and locked.
-
-    Raises:
-        OSError: if it cannot be made.
-    """
+    """Something new beside ``target``, made by ``create`` and locked."""
     while True:
         path = target.with_name(f".{target.name}.{secrets.token_hex(4)}{ending}")
         create(path)
@@ -149,7 +145,6 @@ def partial(path: Path, *, replace: bool = True) -> Iterator[Path]:
     A link stays; what it points to is written.
 
     Args:
-        path: the file.
         replace: whether it takes the place of a file that is there.
 
     Raises:
@@ -225,11 +220,7 @@ def save_state(path: Path, run: str, state: State) -> None:
 
 
 def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
-    """All arrays of a file that :func:`save_state` wrote, by name.
-
-    Raises:
-        SourceError: MF303 if the file is damaged, or cannot be read.
-    """
+    """All arrays of a file that :func:`save_state` wrote, by name; MF303 if it is damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
@@ -252,11 +243,7 @@ def no_file(path: str | Path, shown: str | Path) -> str:
 
 
 def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
-    """The state that :func:`save_state` kept; None if there is no file.
-
-    Raises:
-        SourceError: MF303 if the file is damaged, MF304 if it is another run's.
-    """
+    """The state that :func:`save_state` kept, None without a file; MF303 if damaged, MF304 if another run's."""
     if not os.path.exists(path):
         return None
     state = read_state(path)

@@ -35,11 +35,7 @@ _UNKNOWN = frozenset({errno.ENOSYS, errno.EINVAL, errno.EPERM, errno.EOPNOTSUPP}
 
 
 def exchange(one: Path, other: Path) -> None:
-    """Exchange the names of two folders of one parent.
-
-    Raises:
-        OSError: if a name cannot be changed; both have then the names that they had.
-    """
+    """Exchange the names of two folders of one parent; OSError where that fails, and both keep theirs."""
     if not _at_once(one, other):
         _by_turns(one, other)
 
@@ -122,7 +118,6 @@ class Account:
         die: that it is of; None if it is of several.
         kept: whether an earlier run found it.
         since: when it was found, UTC by ISO 8601.
-        version: of maskfab that found it.
         entry: of the cache, by its key.
         refused: why an entry of an earlier run was not used, and this was found again; None if none was refused.
     """
@@ -168,11 +163,7 @@ class Finished:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a finished output directory.
-
-    Raises:
-        OutputError: MF403 if there is none, or it lacks what every version writes.
-    """
+    """The manifest of a finished output directory; MF403 without one, or where it lacks what every version writes."""
     try:
         manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
         listed = manifest["files"]
@@ -421,10 +412,7 @@ def _renamed(aside: Aside, place: Place) -> bool:
 
 
 def _replace(aside: Aside, place: Place) -> None:
-    """Exchange old for new, and remove the old one.
-
-    It is looked at again when nobody can reach it any more under its name, for something may have come until then.
-    """
+    """Exchange old for new, and remove the old one unless something came until nobody can reach it under its name."""
     if _unchanged(place.path, place) is not None:
         new, aside = aside, _in_turn(aside)
         os.rename(new.path, aside.path)

@@ -96,6 +96,23 @@ class Tiling(StrEnum):
         return self in {Tiling.RANDOM, Tiling.PAPER4, Tiling.FLIPS}
 
 
+def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    """The array itself if nobody can write to it, else a read-only copy."""
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+class Frozen:
+    """Base of dataclasses whose arrays nobody can write to."""
+
+    def __post_init__(self) -> None:
+        for name, value in list(vars(self).items()):
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, frozen(value))
+
+
 @dataclass(frozen=True, eq=False)
 class Opening:
     """The clear shape in one display pixel, on a square grid of dots.
@@ -227,13 +244,10 @@ class Panel:
     """An opening laid out over rows x columns of cells, with an opaque gutter round every cell.
 
     Attributes:
-        opening: the unit opening.
         dot_nm: side of one dot as laid out.
         gutter_nm: opaque space between the dots of neighbouring cells; half of it on each side of a cell, so even.
         orientations: int8 [rows, columns], what each cell holds: 8 u + k is opening u of ``openings`` under element k
             of D4.
-        tiling: how the orientations were chosen.
-        seed: seed of a random tiling.
         emitters: what emits behind the opaque part of every pixel; None where nothing is said.
         tracks: wires of every pixel.
         others: further openings among which cells choose, of as many dots as the first.
@@ -321,7 +335,6 @@ class Die:
     Attributes:
         name: unique on the plate; letters, digits and underscores.
         label: text drawn in clear under the die.
-        panel: what fills it.
         centre_nm: centre of the slot in plate coordinates (plate centre = origin).
         slot_nm: side of the square slot; the panel is not larger.
     """
@@ -362,10 +375,7 @@ class Layer:
 
     Attributes:
         name: DXF layer name (at most 8 characters).
-        number: GDSII/OASIS layer.
-        datatype: GDSII/OASIS datatype.
         written: whether the mask writer exposes it (digitized data = clear).
-        purpose: one line for the layer table.
     """
 
     name: str
@@ -400,10 +410,8 @@ class Mark:
     """A mark of the plate that is not a panel.
 
     Attributes:
-        name: identifier, also its cell's name.
         kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
             code (data matrix), outline (of dies, or of what a drawing spans), or wires across a die.
-        layer: where it is drawn.
         polygons: simple, hole-free outlines in plate coordinates, nanometres.
     """
 
@@ -421,8 +429,6 @@ class Gauge:
 
     Attributes:
         name: identifier in the CD table.
-        axis: direction of the probe.
-        centre_nm: middle of the probe.
         reach_nm: half the probe's length; wider than the feature and short of its neighbours.
         target_nm: the drawn width.
     """
@@ -497,13 +503,11 @@ class Plate:
 
 
 @dataclass(frozen=True, eq=False)
-class Psf:
+class Psf(Frozen):
     """Intensity per square micrometre of sensor, so that the whole plane holds 1.
 
     Attributes:
         values: float64 [n, n], n odd, the optical axis on the middle sample.
-        step_um: distance between samples.
-        wavelength_nm: the line it was computed at.
         kind: ``point`` samples the intensity, ``pixel`` is its mean over square pixels of side ``step_um``.
     """
 
@@ -512,9 +516,6 @@ class Psf:
     wavelength_nm: float
     kind: Literal["point", "pixel"]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
-
     @property
     def energy_in_window(self) -> float:
         """Share of all transmitted energy that falls inside the window (midpoint rule if ``point``)."""
@@ -522,22 +523,16 @@ class Psf:
 
 
 @dataclass(frozen=True, eq=False)
-class RadialMean:
+class RadialMean(Frozen):
     """Mean of an MTF over all directions at radii about those at which it falls below levels of interest.
 
     Attributes:
-        frequency_cy_per_mm: float64 [n], ascending.
-        modulation: float64 [n].
         error: float64 [n], bound of the error of each, and of a straight line between them.
     """
 
     frequency_cy_per_mm: Floats
     modulation: Floats
     error: Floats
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_mm", "modulation", "error"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -574,9 +569,6 @@ class Quantity:
         at_most: whether the value is a bound that the truth may lie far below.
         between: edges of a band.
         detail: what completes a symbol or unit that differs from row to row, such as ``6 um`` in ``SE(6 um)``.
-
-    Raises:
-        InternalError: MF901 for a name that is not registered, or for a detail too many or too few.
     """
 
     name: str
@@ -654,13 +646,9 @@ class Report:
     """The content of report.json.
 
     Attributes:
-        title: the plate's title.
-        job_hash: SHA-256 of the resolved job.
         seeds: seed of every random tiling, by die.
         dies: quantities by die name, in plate order.
-        plate: quantities of the whole plate.
         checks: every quantity that was judged, of dies and plate alike.
-        files: what was written.
         seconds: wall-clock time by stage; the only content that differs between equal runs.
     """
 
@@ -676,11 +664,3 @@ class Report:
     @property
     def passed(self) -> bool:
         return all(check.passed for check in self.checks)
-
-
-def frozen(array: NDArray[Scalar]) -> NDArray[Scalar]:
-    """The array itself if nobody can write to it, else a read-only copy."""
-    if array.flags.writeable:
-        array = array.copy()
-        array.flags.writeable = False
-    return array

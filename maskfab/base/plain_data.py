@@ -39,7 +39,6 @@ def to_data(value: object, kind: Any) -> bytes:
     """Bytes from which :func:`from_data` makes an equal value: floats to the last bit, arrays with dtype and shape.
 
     Args:
-        value: of that kind.
         kind: a class, or what a type hint may state.
 
     Raises:
@@ -54,11 +53,7 @@ def to_data(value: object, kind: Any) -> bytes:
 
 
 def from_data(data: bytes, kind: Any) -> Any:
-    """The value of a kind that data hold.
-
-    Raises:
-        Exception: for data of anything else; mostly ValueError, and whatever a class raises for fields that it refuses.
-    """
+    """The value of a kind that data hold; for other data mostly ValueError, and whatever a class raises."""
     with np.load(io.BytesIO(data), allow_pickle=False) as stored:
         tree = json.loads(stored[_TREE].tobytes())
         arrays = [stored[str(number)] for number in range(len(stored.files) - 1)]
@@ -67,13 +62,7 @@ def from_data(data: bytes, kind: Any) -> Any:
 
 @dataclass(frozen=True)
 class _Form:
-    """Plain data of one kind of values.
-
-    Attributes:
-        holds: whether a value is of the kind, looked at from outside.
-        down: to what JSON can say; arrays go to a list, and their places into JSON.
-        up: back.
-    """
+    """Plain data of one kind of values: whether a value is of it, to what JSON can say (arrays to a list), and back."""
 
     holds: Callable[[object], bool]
     down: Callable[[Any, list[_Array]], Any]
@@ -82,11 +71,7 @@ class _Form:
 
 @cache
 def _form(kind: Any) -> _Form:
-    """Way of values of a kind to data and back.
-
-    Raises:
-        TypeError: for a kind whose values are none.
-    """
+    """Way of values of a kind to data and back; TypeError for a kind whose values are none."""
     origin, within = typing.get_origin(kind), typing.get_args(kind)
     # A name for a kind, such as NDArray of numpy 2.5.
     alias = kind if origin is None else origin

@@ -43,11 +43,7 @@ from maskfab.base.work import THREADS, settle
 
 
 def pickled(content: object) -> bytes:
-    """Bytes that unpickle to an equal value.
-
-    Raises:
-        TypeError: for a value that no other process can be given.
-    """
+    """Bytes that unpickle to an equal value; TypeError for one that no other process can be given."""
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
     pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda view: (read_only, (dict(view),))}
@@ -124,7 +120,6 @@ class Task(Generic[Found]):
     """Something to be found, by whichever process begins it.
 
     Attributes:
-        call: what it does.
         begun, ended: whether it has.
         here: whether no other process can do it.
         seconds: that it took, once it is found.
@@ -217,7 +212,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Return when tasks have ended, however they did.
 
         Args:
-            tasks: of this executor.
             done: told how many have ended.
         """
         for number, task in enumerate(tasks, start=1):
@@ -230,7 +224,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         """Tasks that have ended, in the order of the calls.
 
         Args:
-            calls: what they do.
             done: told how many have ended.
 
         Raises:
@@ -248,7 +241,6 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         The first is done here. If the rest takes no longer than another process to begin, so is that.
 
         Args:
-            calls: what they do.
             done: told how many have ended.
 
         Raises:

@@ -37,8 +37,6 @@ class Entry:
             family apart.
         symbol: of the formula; empty for counts and words.
         unit: ``1`` for a ratio, empty for counts and words.
-        title: heading in tables.
-        meaning: one sentence.
         cure: what to do if its check fails.
         subject: whose verdict its check counts for.
 
@@ -123,11 +121,7 @@ def _families() -> tuple[tuple[re.Pattern[str], str], ...]:
 
 @lru_cache(maxsize=1024)
 def registered(name: str) -> Entry:
-    """The entry of a quantity, its family's words filled in.
-
-    Raises:
-        InternalError: MF901 if neither a quantity nor a family of that name is registered.
-    """
+    """The entry of a quantity, its family's words filled in."""
     if "{" not in name and name in _WORDS:
         return _entry(name, **_WORDS[name])
     for pattern, family in _families():

@@ -24,11 +24,7 @@ def template(name: str) -> str:
 
 
 def path(name: str) -> Path:
-    """Path of a bundled file, such as ``layouts/upc12.toml``.
-
-    Raises:
-        InternalError: MF901 if this installation lacks the file.
-    """
+    """Path of a bundled file, such as ``layouts/upc12.toml``."""
     package = Path(__file__).resolve().parents[1]
     for root in (package / "_bundled", package.parent):
         if (root / name).exists():
@@ -54,11 +50,7 @@ class Explanation:
     """One error code in words.
 
     Attributes:
-        code: such as ``MF107``.
         meaning: the one line that every error of this code shares.
-        example: an input that raises it.
-        cause: what usually led to it.
-        cure: what to write or do instead.
     """
 
     code: str
@@ -69,11 +61,7 @@ class Explanation:
 
 
 def explained(code: str) -> Explanation:
-    """The explanation of a code, which may be written in small letters.
-
-    Raises:
-        JobError: MF105 for an unknown code, with those that look like it.
-    """
+    """The explanation of a code, which may be written in small letters; MF105 for an unknown one."""
     name = code.strip().upper()
     if name not in CATALOGUE:
         raise JobError("MF105", f"there is no error code {code!r}", where="CODE", cure=_near(name))

@@ -42,7 +42,6 @@ class NotebookLine:
     """A progress that a notebook shows: one line, updated, once the work has taken two seconds.
 
     Args:
-        name: of the work.
         display: shows plain text and gives what updates it, as ``IPython.display.display`` does.
         now: seconds that have gone by since any moment.
     """
@@ -154,7 +153,6 @@ class Clock:
         Args:
             seconds: that are needed from now on.
             what: takes them, in the plural.
-            where: the budget is stated.
 
         Raises:
             JobError: MF150.

@@ -74,7 +74,6 @@ class ClusterExecutor(ProcessExecutor):
     """This process and the workers of a Dask cluster.
 
     Args:
-        scheduler: address.
         installation: tells a worker's version of all that numbers depend on.
     """
 
@@ -83,11 +82,7 @@ class ClusterExecutor(ProcessExecutor):
         self._scheduler, self._installation = scheduler, installation
 
     def __enter__(self) -> ClusterExecutor:
-        """Find the workers.
-
-        Raises:
-            JobError: MF164 for a scheduler that does not answer, or workers of another version.
-        """
+        """Find the workers; MF164 for a scheduler that does not answer, or workers of another version."""
         with ExitStack() as stack:
             self._client = stack.enter_context(_client(self._scheduler))
             check_version(self._client, self._scheduler, self._installation)
@@ -138,11 +133,7 @@ def answered(message: bytes) -> bytes:
 
 
 def _client(scheduler: str) -> Any:
-    """A client of a scheduler that answers.
-
-    Raises:
-        JobError: MF164.
-    """
+    """A client of a scheduler that answers; MF164 for one that does not."""
     import distributed
 
     try:
@@ -154,11 +145,7 @@ def _client(scheduler: str) -> Any:
 
 
 def check_version(client: Any, scheduler: str, installation: Callable[[], str]) -> None:
-    """Refuse workers that would find other numbers.
-
-    Raises:
-        JobError: MF164 without workers, or if one has other code or other versions of libraries.
-    """
+    """Refuse workers that have other code or versions of libraries, and would find other numbers (MF164)."""
     cure = "Install the same maskfab and the same libraries there, and start the workers again"
     try:
         versions = client.run(installation, on_error="return")

@@ -216,10 +216,7 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
 
 @lru_cache(maxsize=128)
 def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequencies: bytes) -> scipy.sparse.csr_array:
-    """[frequencies, lags]: interpolation of the lags times the pixel's sinc, summed over what sampling folds back.
-
-    Kept where they are few, as every place of an image takes the same ones.
-    """
+    """[frequencies, lags]: interpolation times the pixel's sinc, summed over what folds back; the few ones are kept."""
     frequency = np.frombuffer(frequencies, dtype=np.float64)
     edges = lattice.edges_um()
     most = max(0, math.ceil((edges[-1] - edges[0]) / cycle_um + 0.5) - 1)

@@ -71,10 +71,7 @@ def _of_normal(linear: bool) -> tuple[Singles, Singles]:
 
 @lru_cache(maxsize=4)
 def _between(shape: tuple[int, ...]) -> Singles:
-    """Numbers of 0 to 1, evenly spread over every few pixels, [rows, columns].
-
-    Added to a place between two spreads of the table before it is cut to a whole one, they interpolate on the mean.
-    """
+    """Numbers of 0 to 1, evenly spread [rows, columns]: added before a place is cut, they interpolate on the mean."""
     rows, columns = shape
     # M. Roberts' sequence in two dimensions, by powers of the plastic number.
     return np.asarray((0.7548777 * np.arange(rows)[:, None] + 0.5698403 * np.arange(columns)) % 1, dtype=np.float32)

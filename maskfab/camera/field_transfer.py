@@ -278,11 +278,7 @@ def _spread(view: StopView, samples: Samples, lines: tuple[Lines, ...]) -> Singl
 
 
 def _components(changes: Singles, most: float) -> tuple[Singles, Floats]:
-    """The fewest principal components of changes [places, n] that leave out ``most`` of any of them.
-
-    Returns:
-        The components [k, n], orthogonal, and what every place has of them, [places, k].
-    """
+    """Fewest principal components [k, n] that leave out ``most`` of any change [places, n], and shares [places, k]."""
     # Few places, long changes: the products of these tell all.
     values, vectors = np.linalg.eigh((changes @ changes.T).astype(np.float64))
     values, vectors = values[::-1], vectors[:, ::-1]

@@ -178,12 +178,9 @@ class Training:
         # Weights follow from the seed alone, and nobody else's draws change.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(course.seed)
-            self.network, self.mean = (self._made() for _ in range(2))
+            self.network, self.mean = (Network(PLANES, self.course.widths).to(self.device) for _ in range(2))
         self.mean.load_state_dict(self.network.state_dict())
         self._descent = torch.optim.Adam(self.network.parameters(), lr=course.rate, betas=(0.9, 0.99))
-
-    def _made(self) -> Network:
-        return Network(PLANES, self.course.widths).to(self.device)
 
     def advance(self) -> float:
         """One step; the loss before it, 1 for the picture that is mended."""
@@ -382,11 +379,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, path: Path) -> Checkpoint:
-        """Of a file; no code in it is run.
-
-        Raises:
-            SourceError: MF301 without a file, MF303 for a damaged one, MF304 for one of another kind.
-        """
+        """Of a file, of which no code is run; MF301 without one, MF303 if it is damaged, MF304 if of another kind."""
         if not os.path.isfile(path):
             raise SourceError("MF301", no_file(path, path), cure="Train one with maskfab learn")
         state = read_state(path)

@@ -104,10 +104,7 @@ def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectr
 
 
 def _calm(plane: Singles, variance: Singles, clipped: NDArray[np.bool_]) -> NoiseSpectrum:
-    """Noise of one colour [rows, columns] in units of its variance, by its calmest blocks; as expected if none tells.
-
-    Full pixels show none, nor does what lies below black.
-    """
+    """Noise of one colour in units of its variance, by its calmest blocks, else as expected; full pixels have none."""
     blocks, expected = (squares(values, _BLOCK) for values in (plane, variance))
     light, expected = blocks.mean(axis=(1, 2)), expected.mean(axis=(1, 2))
     telling = (np.ptp(blocks, axis=(1, 2)) > 0) & ~squares(clipped, _BLOCK).any(axis=(1, 2))

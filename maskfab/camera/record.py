@@ -89,7 +89,6 @@ class Noise:
     """Noise of a record in units of white.
 
     Attributes:
-        electrons: of white, g.
         step: of the converter, in electrons; 0 for none.
     """
 

@@ -150,7 +150,6 @@ class Registration:
 
     Attributes:
         shift_error_px: half the 95 % interval of the shift to the right and of that downwards.
-        turn_error_deg, scale_error: likewise.
         correlation: of both in the band of the fit.
         shared: share of the first picture's pixels that both show.
     """

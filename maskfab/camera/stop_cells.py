@@ -164,12 +164,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class CellGrid:
-    """Cells of dots that cover a camera's stop.
-
-    Attributes:
-        dots: along a cell's side.
-        cells: along the panel's side.
-    """
+    """Cells of dots that cover a camera's stop."""
 
     dots: int
     cells: int

@@ -277,11 +277,7 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
 
 
 def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
-    """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one.
-
-    Raises:
-        JobError: as :func:`display_of`.
-    """
+    """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one."""
     if spec.emitters is None:
         cure = f"Add [emitters], and [wires] if they must be wired, or remove {key}"
         raise JobError("MF105", "the job has no display that its opening could fit", where=f"{where}: {key}", cure=cure)
@@ -361,11 +357,7 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
 
 
 def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> None:
-    """Refuse a share of denser pixels beside which a bound leaves no emitters, whatever shape they have.
-
-    Raises:
-        JobError: MF123, with the largest share that the bound leaves.
-    """
+    """Refuse a share of denser pixels beside which a bound leaves no emitters of any shape (MF123)."""
     display: Display | None = rules["emitters"] or None
     if display is None or (section.cluster is None and not isinstance(section.density, float)):
         return

@@ -140,7 +140,6 @@ class FrontPoint:
         lines: most opaque lines, of the numbers that were asked about, that cross every pixel each way.
         mapped: expected restored PSNR in dB by level on its panel, whose map had one descent; None without a map.
         value: of what is laid: weighted mean over the levels, mapped if there is a map.
-        cells: its map, if there is one.
         grain: rms luminance contrast of an even white field up to 10 cycles per degree, seen from 300 mm, pixels
             turned at random.
         centroid_px: distance of the light's centroid from the pixel's middle, pixels.
@@ -179,14 +178,12 @@ class FrontCurve:
     """The designs of one number of clear dots.
 
     Attributes:
-        clear_dots: in a cell.
         front: of one opening, PSNR falling; none that was judged betters one of them in PSNR, footprint and lines.
         denser: at the same light, of denser cells and sparser ones.
         evaluated: shapes whose PSNR was computed.
         measured: those whose footprint and lines were measured too.
         left_out: openings that none betters either, between those of ``front``; a curve holds only so many.
         misfits: why openings that none betters are not in ``front``: what their display's check says of the die.
-        complete: whether no budget ended it.
         refusal: why there is no design of so many dots, where ``front`` is empty.
         asked: parts of the display that every design holds, the least of each, with what it asks.
         prices: what these cost among the shapes judged; None where there is no design, and where the budget is over.
@@ -220,7 +217,6 @@ class Pareto:
     Attributes:
         curves: one for each number of clear dots, rising.
         compared: the openings given, judged alike, in their order.
-        levels: of light, dB.
         lines: numbers of lines that were asked about, rising.
         kept: rules of [design] that every opening keeps.
         limits: of the eye, by the name of the rule; designs of a denser middle that is sought need not keep them.
@@ -502,14 +498,8 @@ class _Sweep:
     def _wired(self, unit: Mask, lines: int) -> bool:
         return self._asked(0.0, lines).unwired(unit, self.rules.dot_nm) is None
 
-    def _roomy(self, unit: Mask) -> bool:
-        return self.display.crowded(unit, self.rules.dot_nm) is None
-
     def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
-        """Those with more footprint, for some number of lines, than all of a better PSNR, and how many were measured.
-
-        More lines are harder to pass, so that the widest footprint of those that pass falls with their number.
-        """
+        """Those with more footprint, for some number of lines, than all of a better PSNR; how many were measured."""
         least = self.display.rules.emitters.required - ROUNDING
         widest = dict.fromkeys(self.lines, 0.0)
         steps: list[JudgedOpening] = []
@@ -524,7 +514,7 @@ class _Sweep:
             footprint = self.footprints(shape.unit)
             measured += 1
             better = [lines for lines in self.lines if footprint > widest[lines] + (_STEP if widest[lines] else 0.0)]
-            if footprint < least or not better or not self._roomy(shape.unit):
+            if footprint < least or not better or self.display.crowded(shape.unit, self.rules.dot_nm) is not None:
                 continue
             passed = None
             for lines in better:
@@ -605,10 +595,7 @@ class _Sweep:
         )
 
     def _shown(self, point: FrontPoint) -> FrontPoint | str:
-        """The design with its grain on a die, or why it does not fit that.
-
-        Emitters are as large as the job asks where they may be smaller for light that is better centred.
-        """
+        """The design with its grain on a die, or why it does not fit that."""
         least = 0.0 if sought(point.uneven) else self.display.rules.keep * point.footprint - ROUNDING
         held = self._asked(least, point.lines)
         outer = None if len(point.units) == 1 else point.units[1]

@@ -14,7 +14,7 @@ import scipy
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Labels
 from maskfab.base.errors import JobError
-from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient, refined
+from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Frozen, Opening, Panel, orient, refined
 from maskfab.base.units import UM_PER_MM
 from maskfab.optics.colour import LUMINANCE
 
@@ -61,7 +61,7 @@ MOST_SAMPLES = 1 << 24
 
 
 @dataclass(frozen=True, eq=False)
-class EmittedLight:
+class EmittedLight(Frozen):
     """Emitted light on square samples, each the exact mean over its own area.
 
     Attributes:
@@ -72,9 +72,6 @@ class EmittedLight:
     rgb: Floats
     samples: int
     pitch_um: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "rgb", frozen(self.rgb))
 
     @property
     def pixels(self) -> tuple[int, int]:

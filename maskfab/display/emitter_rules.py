@@ -13,7 +13,7 @@ from enum import StrEnum
 from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import MOST_CELLS, CellSize
 from maskfab.base.errors import JobError
-from maskfab.base.model import Emitters, Opening, Point, frozen
+from maskfab.base.model import Emitters, Frozen, Opening, Point
 from maskfab.base.units import NM_PER_UM
 
 
@@ -147,7 +147,7 @@ class Proof(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Frozen):
     """A proof that something cannot be, which a reader can check by hand.
 
     Attributes:
@@ -162,10 +162,6 @@ class Certificate:
     witness: Mask | None = None
     cell_nm: int = 0
     chain_nm: tuple[Point, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.witness is not None:
-            object.__setattr__(self, "witness", frozen(self.witness))
 
 
 @dataclass(frozen=True, eq=False)

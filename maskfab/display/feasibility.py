@@ -300,7 +300,9 @@ def _with_emitters(
     broken = violations(lit, rules.emitters)
     # Emitters that break the rules say nothing of how large those can be that keep them.
     if answer.given and not broken:
-        placed = _judged(placed, emitters, shares, rules.emitters)
+        share = footprint_of(shares, rules.emitters)
+        verdict = Verdict.FITS if share >= rules.emitters.required - 1e-12 else placed.verdict
+        placed = replace(placed, best=emitters, found_share=share, verdict=verdict, method="given with the opening")
     cells, own = refined(opening.mask, grid.per_dot), rules.circuit.min_width_nm % emitters.cell_nm == 0
     return replace(
         answer,
@@ -352,13 +354,6 @@ def _boxes(section: CircuitsSection, where: str) -> BoxRules:
 def _given(panel: Panel) -> Emitters | None:
     drawn = panel.opening.emitters
     return None if drawn is None else Emitters(drawn, panel.dot_nm * panel.opening.dots // drawn.shape[0])
-
-
-def _judged(placed: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
-    """The answer about a pixel whose emitters were given."""
-    share = footprint_of(shares, rules)
-    verdict = Verdict.FITS if share >= rules.required - 1e-12 else placed.verdict
-    return replace(placed, best=emitters, found_share=share, verdict=verdict, method="given with the opening")
 
 
 def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:

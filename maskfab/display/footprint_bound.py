@@ -257,10 +257,7 @@ def shortest_cuts(piece: Mask, longest: int) -> Ints:
 
 
 class _Walks:
-    """The piece's cells, and its holes and the outside (faces) as one place each.
-
-    Within a face all ways are free and sweep the same number of cells (modulo the whole piece), hence one place.
-    """
+    """The piece's cells, and each hole and the outside as one place: within it all ways are free and sweep alike."""
 
     def __init__(self, piece: Mask) -> None:
         padded = np.pad(piece, 1)

@@ -419,10 +419,7 @@ Near = tuple[tuple[Ints, ...], Ints]
 
 
 def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> Near:
-    """Gaps from a pixel's colours, and from its opening, to every cell of its neighbour, [n, n] each; large if far.
-
-    The last of the first part is the gap from emitters of any colour.
-    """
+    """Gaps to every cell of the neighbour, [n, n] each, from each colour, any colour and the opening; large if far."""
 
     def gaps(mask: Mask) -> Ints:
         n, reach = grid.cells, max(grid.colour_gap, grid.to_opening)

@@ -45,7 +45,6 @@ class Looks:
 
     Attributes:
         delta_e: mean S-CIELAB difference of even white from white without structure.
-        delta_e_95: its 95th percentile.
         grain: rms contrast of the luminance of even white, up to 10 cycles per degree.
         fine_grain: the same from 10 to 30.
         fringe: largest difference in a* and b* of an edge from one without structure, the common shift removed.
@@ -112,7 +111,6 @@ def field_of(
     """Rows and columns that are looked at.
 
     Args:
-        cells: rows and columns of the die.
         least: pixels along a side, however near the eye is.
     """
     most = max(least, math.isqrt(MOST_SEEN) // carrying(HIGHEST_CPD, viewing))

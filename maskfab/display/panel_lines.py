@@ -181,7 +181,6 @@ class _Field:
 
         Args:
             lowest, highest: int64 [bands] stretches of the two, and int64 [slabs] the farthest that the line may lie.
-            wished: the place.
 
         Returns:
             The slabs from which on it lies elsewhere, and where, int64 [turns] each.
@@ -249,10 +248,7 @@ class _Field:
 
     @cached_property
     def _lists(self) -> tuple[list[int], ...]:
-        """Both ends of every stretch, and the first and the last that it meets in the next band.
-
-        What comes before the first band, at the end of the lists, leads to all of it.
-        """
+        """Ends of every stretch, and the first and last that it meets next; the last leads to all of the first band."""
         lists = self.low, self.high, np.append(self._ahead[-1], 0), np.append(self._ahead[1], self.low.size)
         return tuple(each.tolist() for each in lists)
 

@@ -176,10 +176,7 @@ def whole_panel(panel: Panel, wanted: Sequence[Layer]) -> dict[Layer, db.Region]
 
 
 def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
-    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself.
-
-    Pairs of orientations are told apart up to quarter turns of both, pairs of several openings as they stand.
-    """
+    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself."""
     if panel.others:
         cells = panel.orientations
         pairs = [

@@ -54,11 +54,7 @@ class Reference:
 
     @classmethod
     def of(cls, layout: str, pitch_nm: int, rules: EmitterRules, *, where: str = "looks.reference") -> Reference:
-        """The layout by a job's rules.
-
-        Raises:
-            JobError: MF117 if an emitter would be narrower than ``min_width``.
-        """
+        """The layout by a job's rules; MF117 if an emitter would be narrower than ``min_width``."""
         draw, turns = _LAYOUTS[layout]
         boxes, least = draw(rules.colour_gap_nm / pitch_nm, rules.ratio)
         # Floating point may lose the last part of a nanometre.

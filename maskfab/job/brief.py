@@ -311,7 +311,6 @@ class Snapped:
 
     Attributes:
         brief: with the lengths as moved, and the clear share of whole dots.
-        dots: along the pixel.
         slit: width and height of a plain slit in dots, which has as many clear dots as the design.
     """
 
@@ -331,11 +330,7 @@ class Snapped:
 
 
 def snapped(brief: Brief) -> Snapped:
-    """The brief with its lengths on the grid of :func:`maskfab.job.grid.nearest_grid`.
-
-    Raises:
-        JobError: MF151 for a camera so coarse that no dots of such a pixel are fine enough for it.
-    """
+    """The brief on the grid of :func:`maskfab.job.grid.nearest_grid`; MF151 for a camera too coarse for any."""
     asked_nm = [round(getattr(brief, key) * NM_PER_UM) for key in RULES]
     widest_nm = widest_dot_nm(_lens(brief.camera), LINES_NM)
     found = nearest_grid(round(brief.pitch * NM_PER_UM), asked_nm, widest_nm=widest_nm)

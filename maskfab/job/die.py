@@ -55,11 +55,7 @@ class DieSection(Section):
 
 
 def check_die(die: DieSection, where: str) -> None:
-    """A tiling with the map that it needs, and a dot and a gutter on the grid of 1 nm.
-
-    Raises:
-        JobError: MF107 or MF122.
-    """
+    """A tiling with the map that it needs (MF122), and a dot and a gutter on the grid of 1 nm (MF107)."""
     check_tiling(die, where)
     units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     even_nm(die.gutter, where=f"{where}.gutter", name="gutter")

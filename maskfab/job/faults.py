@@ -130,7 +130,6 @@ def sound_part(error: ValidationError, kind: type[AnySection], values: object, f
     Checks within a table whose values are not all sound are made here as far as they read sound ones.
 
     Args:
-        error, kind, values, where: as of :func:`problems`.
         faults: gets what those checks refuse.
 
     Raises:

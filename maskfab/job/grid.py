@@ -31,8 +31,6 @@ class Grid:
     """Lengths that are whole numbers of cells.
 
     Attributes:
-        dots: along the pixel less its gutter.
-        gutter_nm: opaque space between pixels.
         rules_nm: gaps and widths, in the order in which they were given.
     """
 
@@ -73,7 +71,6 @@ def nearest_grid(
     Args:
         dots: along the pixel, if they are given; 16 to 64 are looked at otherwise.
         gutter_nm: as stated; it grows as a rule does.
-        widest_nm: widest dots that may be.
     """
     asked = Grid(dots or 0, 0, pitch_nm, gutter_nm, tuple(rules_nm))
     nearest = min(_grids(asked, widest_nm), key=lambda grid: _cost(grid, asked), default=None)
@@ -148,7 +145,6 @@ def check_grid(
     """Refuse lengths of a pixel and its emitters that share no grid of at most 128 cells, all of them at once.
 
     Args:
-        pitch_um: of the pixel, as stated.
         dot_nm: side of a dot, if it is stated.
         rules_um: gaps and widths of emitters by their keys; none without emitters.
         dots_given: whether the dots are those of a file, which no other number can take the place of.

@@ -25,11 +25,7 @@ _LONGEST = 200
 
 
 def _line(text: object) -> object:
-    """One line of text for a paper; its type is checked elsewhere.
-
-    Raises:
-        JobError: MF110 for a line that no paper has room for, or that holds what a printer would obey.
-    """
+    """One line of text for a paper; MF110 for one that no paper has room for, or that a printer would obey."""
     if not isinstance(text, str):
         return text
     if len(text) > _LONGEST:
@@ -46,11 +42,7 @@ Line = Annotated[str, parsed(_line)]
 
 
 def _email(text: object) -> object:
-    """An address of mail: one @ between two words. Whether anybody reads it, the house will find out.
-
-    Raises:
-        JobError: MF105 for a text that is none, MF110 as :func:`_line`.
-    """
+    """An address of mail: one @ between two words. Whether anybody reads it, the house will find out."""
     line = _line(text)
     if isinstance(line, str):
         name, _, host = line.partition("@")

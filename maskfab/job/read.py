@@ -108,11 +108,7 @@ def check_method(document: object, faults: Faults, where: str) -> Set[str]:
 
 
 def check_design(spec: JobSpec, where: str) -> None:
-    """Keys of [design] that need another, or leave it nothing to do; a tiling that its method can judge.
-
-    Raises:
-        JobError: MF105, MF111 or MF122.
-    """
+    """Keys of [design] that need another, or leave it nothing to do; a tiling that its method can judge."""
     design = spec.design
     if isinstance(design, SearchSection):
         _check_search(design, f"{where}: design")
@@ -121,11 +117,7 @@ def check_design(spec: JobSpec, where: str) -> None:
 
 
 def check_design_grid(spec: JobSpec, where: str) -> None:
-    """Refuse a [design] whose pitch its dots do not make, or whose display shares too fine a grid with them.
-
-    Raises:
-        JobError: MF106 or MF118, see :func:`maskfab.job.grid.check_grid`.
-    """
+    """Refuse a [design] whose dots do not make its pitch (MF106), or share too fine a grid with its display (MF118)."""
     design = spec.design
     if design is None:
         return
@@ -213,11 +205,7 @@ def _check_relax(design: RelaxSection, where: str) -> None:
 
 
 def check_scene(spec: JobSpec, where: str) -> None:
-    """Objects within the focal length have no image, and a camera of lines no illuminant.
-
-    Raises:
-        JobError: MF104 or MF105.
-    """
+    """Objects within the focal length have no image (MF104), and a camera of lines no illuminant (MF105)."""
     if spec.scene is None:
         return
     if spec.scene.spectrum == "lines" and spec.scene.illuminant != "equal":
@@ -380,11 +368,7 @@ def document(path: Path, kind: str) -> object:
 
 
 def validate(document: object, *, where: str) -> JobSpec:
-    """A spec from parsed data; ``where`` names the file in errors.
-
-    Raises:
-        JobError: for all that is wrong, at once.
-    """
+    """A spec from parsed data; ``where`` names the file in errors, which come all at once."""
     faults = JobFaults.of(document)
     spec = examined(document, faults, where=where)
     faults.refuse()
@@ -422,11 +406,7 @@ def examined(document: object, faults: JobFaults, *, where: str) -> JobSpec:
 
 
 def check_version(document: object, where: str) -> None:
-    """Refuse a job that says it needs a later version, before its keys are found to be unknown.
-
-    Raises:
-        JobError: MF154; MF105 for what is no version.
-    """
+    """Refuse a job that says it needs a later version (MF154), before its keys are found to be unknown."""
     needed = document.get("maskfab") if isinstance(document, dict) else None
     if needed is None:
         return

@@ -141,7 +141,6 @@ class ShopPlate(Section):
 
     Attributes:
         blanks_in: square blanks in stock, by side in inches.
-        largest_mm: largest blank.
         plot_area_mm: area that can be written.
         extent_mm: what the drawing must span exactly.
         corner_square_um: side of the squares that mark the corners of that extent.
@@ -189,7 +188,6 @@ class ShopText(Section):
     Attributes:
         allowed_in: formats; in others maskfab writes none.
         charset: letters that it may have.
-        italic: whether its style may be slanted.
         separate_layer: whether it should have a layer of its own.
     """
 
@@ -206,9 +204,6 @@ class ShopPolygons(Section):
         hierarchy: cells with references, or outlines merged across cells.
         holes: how a hole is drawn, for formats without holes.
         max_vertices: of an outline as maskfab writes it; the house may allow more.
-        self_crossing: whether an outline may cross itself.
-        self_touching: whether it may touch itself.
-        doubled_vertices: whether a vertex may follow itself.
         shared_boundaries: whether two figures may share a piece of edge.
         corner_touches: whether two figures may meet by a corner only.
     """
@@ -229,8 +224,6 @@ class ShopTolerance(Section):
     Attributes:
         cd_um: rows of (widths up to, deviation).
         defect_um: largest defects, typical and least.
-        short_um: deviation of short distances.
-        long_um: deviation of long distances.
     """
 
     cd_um: Annotated[tuple[Annotated[tuple[UpTo, Positive], Field(strict=False)], ...], _listed()] = ()
@@ -250,13 +243,9 @@ class ShopOffers(Section):
     Thickness and sizes of blanks are those of [plate], widths and defects those of [tolerance].
 
     Attributes:
-        parities: readings of the plate.
         chromes: sides from which the plate is read.
-        glasses: substrates.
-        films: absorbers.
         densities: optical density of the film, least and most.
         registration_um: best that is kept.
-        protections: over the chrome.
         biased: whether the house changes widths on request.
         most: plates of one order.
     """
@@ -292,8 +281,6 @@ class Shop(Section):
     """One house, or one machine of it.
 
     Attributes:
-        name: of the profile.
-        title: the house.
         sources: pages on which the facts were read; empty for a profile that stands for no house.
         read_on: day on which they, or stored copies of them, were read last, such as 2026-09-30; None where nobody has
             written it down.

@@ -262,11 +262,7 @@ def _nm_text(value: float) -> str:
 
 
 def length_um(value: object, *, zero_allowed: bool = False) -> float:
-    """Micrometres of a length written with its unit, at most 1 km.
-
-    Raises:
-        JobError: MF103 for a missing or wrong unit, MF104 for a length out of range.
-    """
+    """Micrometres of a length with its unit, at most 1 km (MF104); MF103 for a missing or wrong unit."""
     return _in_range(units.parse_length_um(value, zero_allowed=zero_allowed), value)
 
 
@@ -340,11 +336,7 @@ def length_keys(section: type[AnySection]) -> frozenset[str]:
 
 
 def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
-    """Refuse formats of which the first is no layout, or one is named twice.
-
-    Raises:
-        JobError: MF105.
-    """
+    """Refuse formats of which the first is no layout, or one is named twice (MF105)."""
     if formats[0] not in MEASURED_FORMATS:
         what = f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured"
         raise JobError("MF105", what, cure=f"Put one of {', '.join(MEASURED_FORMATS)} first")
@@ -583,12 +575,7 @@ def _coordinate(value: object) -> float:
 
 
 def _corners(value: object) -> tuple[Corner, ...]:
-    """Corners of a polygon whose sides meet only where one follows the other.
-
-    Raises:
-        JobError: MF105 for what is no list of pairs, MF103 and MF104 for their lengths; MF132 for sides that cross or
-            touch, corners that coincide, or fewer than three; MF115 for more than 256.
-    """
+    """Corners of a polygon of 3 to 256 corners whose sides meet only where one follows the other; MF132 for others."""
     if not isinstance(value, list | tuple) or not all(isinstance(p, list | tuple) and len(p) == 2 for p in value):
         raise JobError("MF105", f"{value!r} is not a list of pairs", cure=_CURE)
     if len(value) < 3:

@@ -3,8 +3,6 @@
 **Energy** inside a circle or a square is a sum of whole pixels, wrong by at most what the pixels hold that the rim
 crosses; of a square of whole pixels by no more than the pixels' own means.
 
-**Shape** leaves the Strehl ratio alone, which no shape can change.
-
 Notes:
     Samples of a real, dark-and-clear pupil's PSF are symmetric about the axis and nowhere above its value there.
     All sums use that the PSF's samples are closer than 1 / (2B): then sums against smooth weights are integrals.
@@ -38,7 +36,6 @@ def halo_energy(psf: Psf, radius_um: float, die: str | None = None) -> Quantity:
     """Share of all transmitted energy farther than a radius from the axis, outside the window included.
 
     Args:
-        psf: means over pixels.
         radius_um: at most half the window.
 
     Raises:
@@ -68,7 +65,6 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
     For an odd number of whole pixels this is a plain sum, and as good as they are.
 
     Args:
-        psf: means over pixels.
         side_um: at most the window's side.
 
     Raises:
@@ -118,7 +114,6 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     that is a single line.
 
     Args:
-        psf: sampled or averaged over pixels.
         inner_um, outer_um: the annulus, at most half the window.
 
     Raises:
@@ -179,9 +174,6 @@ def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity
 
     Light outside the window, a share p of one colour and q of the other, adds between |p - q| / 2 and (p + q) / 2: the
     middle of both is told, and half of what lies between them is the error.
-
-    Raises:
-        InternalError: MF901 if they do not share a grid.
     """
     if first.values.shape != second.values.shape or not math.isclose(first.step_um, second.step_um):
         raise InternalError("MF901", "two PSFs on different grids were compared")
@@ -224,7 +216,6 @@ def order_efficiencies(panel: Panel, highest: int) -> Floats:
 
     Raises:
         JobError: MF104 for a negative order.
-        InternalError: MF901 if the cells differ in orientation, for then there are no such orders.
     """
     if highest < 0:
         raise JobError("MF104", f"the highest order {highest} is negative", cure="Give 0 or more")
@@ -238,11 +229,7 @@ def order_efficiencies(panel: Panel, highest: int) -> Floats:
 
 
 def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ...]:
-    """The zero order and the sum of the lowest five, each as a share of the incident and of the transmitted light.
-
-    Raises:
-        InternalError: MF901 if the cells differ in orientation.
-    """
+    """The zero order and the sum of the lowest five, each as a share of the incident and of the transmitted light."""
     share = order_efficiencies(panel, 1)
     zero = float(share[1, 1])
     five = zero + float(share[0, 1] + share[2, 1] + share[1, 0] + share[1, 2])

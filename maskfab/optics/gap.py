@@ -79,7 +79,6 @@ class StopField:
     """One line's amplitude behind the stop on a square of samples, the axis on the middle one.
 
     Attributes:
-        sample_um: distance of samples.
         shadow: complex128 [n, n], n odd, without diffraction over the gap; samples at the rim have their share of it.
         amplitude: the same with diffraction.
         shadow_um2, energy_um2: integrals of the squared moduli.
@@ -108,11 +107,7 @@ def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float 
 
 
 def moved_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
-    """Openings moved by (x, y) and cut by the stop, which stays in the middle.
-
-    Raises:
-        JobError: MF114 if the moved openings no longer cover the stop.
-    """
+    """Openings moved by (x, y) and cut by the stop, which stays in the middle; MF114 if they do not cover it."""
     check_cover(openings, stop, moved_um)
     return cut(moved_aperture(openings, moved_um, stop.diameter_um / 2), stop)
 
@@ -340,11 +335,7 @@ def _intervals(whole: Lattice, part: Lattice) -> slice:
 
 
 def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes:
-    """Exact Fourier coefficients of the openings on a period of count samples, in FFT order, [v, u].
-
-    The period is a whole number of dots: where these are on one grid, the coefficients are those of points on it, which
-    repeat for every sample per dot, times the dot's own and the phase of where the grid begins.
-    """
+    """Exact Fourier coefficients [v, u] of the openings on a period of whole dots and so many samples, FFT order."""
     x, y = aperture.x, aperture.y
     frequency = np.asarray(np.fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
     if not (x.has_gutter or y.has_gutter) and x.dot_um == y.dot_um:
@@ -589,7 +580,6 @@ def rim_crowding(openings: Aperture, inside: Pupil, distance_um: float) -> float
 
     Args:
         openings: as far as the stop reaches, and that distance beyond.
-        distance_um: positive.
     """
     stop, clear_um2 = inside.stop, inside.field_integral_um2
     if not clear_um2:

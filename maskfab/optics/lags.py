@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, fast_length
 from maskfab.base.errors import InternalError
-from maskfab.base.model import Scalar, frozen
+from maskfab.base.model import Frozen, Scalar
 from maskfab.job.camera import Stop
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.pupil import Lattice, Pupil
@@ -65,11 +65,10 @@ class Shapes(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class LagTable:
+class LagTable(Frozen):
     """The pupil's autocorrelation at every cell lag and dot lag up to some reach.
 
     Attributes:
-        x, y: the pupil's lattices.
         values: float64 [cells y, dots y, cells x, dots x] in square micrometres, of mean transmissions but for lag 0;
             lags up to the reach and few others, negative ones wrapped round.
         reach_um: largest lag along either axis for which the table is good.
@@ -96,15 +95,8 @@ class LagTable:
     outline: OutlineLags | None = None
     film: LagTable | None = None
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
-
     def otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is."""
         coarse = self.coarse_otf(lag_x_um, lag_y_um)
         if not self.rims:
             return coarse
@@ -118,11 +110,7 @@ class LagTable:
         return exact
 
     def coarse_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster."""
         lag_x, lag_y = np.asarray(lag_x_um), np.asarray(lag_y_um)
         self._refuse_beyond_reach(lag_x, lag_y)
         total = np.zeros(np.broadcast(lag_x, lag_y).shape)
@@ -136,11 +124,7 @@ class LagTable:
         return total / self.energy_um2 + (0.0 if self.film is None else self.film.coarse_otf(lag_x, lag_y))
 
     def coarse_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still.
-
-        Raises:
-            InternalError: MF901 for a lag beyond the table's reach.
-        """
+        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still."""
         self._refuse_beyond_reach(lag_x_um, lag_y_um)
         cells_y, dots_y, cells_x, dots_x = self.values.shape
         table = self.values.reshape(cells_y * dots_y, cells_x * dots_x)
@@ -434,7 +418,7 @@ _LAG_ROWS_AT_A_TIME = 128
 
 
 @dataclass(frozen=True, eq=False)
-class AxisLags:
+class AxisLags(Frozen):
     """The pupil's autocorrelation along one axis, the lag along the other being 0.
 
     Attributes:
@@ -449,10 +433,6 @@ class AxisLags:
     step_um: float
     bounds: Floats
     film: AxisLags | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("values", "bounds"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def at(self, lag_um: Floats) -> Floats:
         """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""

@@ -143,7 +143,6 @@ def energy_in_window(psf: Psf, camera: Camera, difference: float, die: str | Non
     """Share of all transmitted energy inside the PSF's window.
 
     Args:
-        psf: averaged over pixels.
         camera: for the highest frequency, with which the pixels' own error grows.
     """
     width = psf.step_um * psf.values.shape[0]
@@ -174,7 +173,6 @@ def strehl_quantities(
         psf: sampled at points, its middle on the axis.
         energy_um2: clear area inside the stop by which the PSF was normalised, the leak aside.
         area_um2: clear area inside the stop from another source than the PSF.
-        limit: largest admissible relative error.
     """
     scale = image_scale_um2(camera, psf.wavelength_nm)
     stop = camera.stop
@@ -232,10 +230,8 @@ def aliasing_quantities(
     """Difference between the MTF sampled once per pixel and the presampled one, and its variation with phase.
 
     Args:
-        lags: see :func:`maskfab.optics.lags.axis_lags`.
         table: of the same pupil; gives energy and error bound.
         mtf: presampled, of the same table; gives frequencies and wavelength.
-        camera: gives focal length, stop and pixel.
     """
     aliased = aliased_cuts(lags, table, mtf, camera)
     # From the same lags as the aliases, or their errors would count as aliasing.
@@ -283,11 +279,7 @@ def _aliases(mtf: Mtf, camera: Camera) -> tuple[Floats, Floats, Floats]:
 
 
 def _alias_errors(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> tuple[Floats, Floats]:
-    """Errors [2 n] of an aliased MTF less the presampled one: by what folds onto it, and by what it folds onto.
-
-    The error of the presampled part is in both, but for its direction, which turns by twice the ratio of the others to
-    it at most.
-    """
+    """Errors [2 n] of an aliased MTF less the presampled one: by what folds onto it, and by what it folds onto."""
     orders, alias, pixel = _aliases(mtf, camera)
     scale, own = image_scale_um2(camera, mtf.wavelength_nm), orders == 0
     aside, turned = [], []

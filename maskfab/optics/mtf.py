@@ -34,7 +34,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Indices, distinct
 from maskfab.base.errors import InternalError, JobError
-from maskfab.base.model import Mtf, Psf, Quantity, RadialMean, frozen
+from maskfab.base.model import Frozen, Mtf, Psf, Quantity, RadialMean, frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
@@ -430,10 +430,7 @@ def _doubtful(told: Floats, level: float) -> Indices:
 class _Closely:
     """The mean over four times as many directions; what means of dots lack is known in some of them.
 
-    Neighbours among these differ by as much as the mean of those between may.
-
     Attributes:
-        view: of the MTF.
         lacking: radii that were looked at, what the mean lacks there, the error of that, and how much of it is new a
             dot farther, [4] each.
     """
@@ -515,7 +512,7 @@ PHASES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class AliasedMtf:
+class AliasedMtf(Frozen):
     """The MTF of a PSF sampled once per pixel; aliased, unlike :class:`maskfab.base.model.Mtf`.
 
     Attributes:
@@ -531,10 +528,6 @@ class AliasedMtf:
     phases: Floats
     sampled: Literal["point", "pixel"]
     uncertainty: float
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_mm", "values", "phases"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def lowest(self) -> Floats:
@@ -561,14 +554,12 @@ def aliased_mtf(
 
     Args:
         table: lags up to the stop's diameter; one of shorter reach does not hold the aliases.
-        camera: gives focal length, stop and pixel.
         nu_x, nu_y: float64 [n], cycles per micrometre of sensor.
         sampled: whether the PSF is sampled at points or averaged over pixels first.
         phases: how many along each axis.
 
     Raises:
         JobError: MF104 if there is no phase, or if the samples of some phase sum to nothing.
-        InternalError: MF901 if the table's reach is short.
     """
     if phases < 1:
         raise JobError("MF104", f"{phases} sub-pixel phases are too few", cure="Give 1 phase or more")
@@ -595,7 +586,6 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     """Largest distance, over frequencies and phases, of the aliased MTF from the presampled one.
 
     Args:
-        aliased: see :func:`aliased_mtf`.
         presampled: float64 [n], the MTF with the same pixel but before sampling, at the same frequencies.
     """
     distance = abs(aliased.values - presampled).max()
@@ -651,7 +641,7 @@ EDGE_UM = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeSpread:
+class EdgeSpread(Frozen):
     """The image of a step from 0 to 1 along x, then along y, where pixels meet.
 
     Attributes:
@@ -664,10 +654,6 @@ class EdgeSpread:
     error: Floats
     outside: float
     wavelength_nm: float
-
-    def __post_init__(self) -> None:
-        for name in ("values", "error"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def edge_spread(lags: tuple[AxisLags, AxisLags], table: LagTable, camera: Camera, wavelength_nm: float) -> EdgeSpread:
@@ -730,9 +716,6 @@ def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread,
 
     The edge is imaged along x and along y, white being (1, 1, 1) in linear sRGB; the grey edge has the mean of the
     three as all its channels.
-
-    Raises:
-        InternalError: MF901 if they do not share a grid.
     """
     edges = (red, green, blue)
     if len({edge.values.shape for edge in edges}) > 1:

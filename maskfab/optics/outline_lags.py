@@ -286,10 +286,7 @@ def _binned(unknown: OutlineLags, y: Floats, left: Floats, right: Floats) -> Out
 
 
 def _trapezoids(polygons: db.Region) -> Floats | None:
-    """Heights, left ends and right ends of trapezoids, float64 [3, 2, n], their lower sides first; None if too many.
-
-    Every polygon is cut at the heights of all its corners.
-    """
+    """Heights, left ends and right ends of trapezoids, float64 [3, 2, n], lower sides first; None if too many."""
     flat = [
         (n, edge.x1, edge.y1, edge.x2, edge.y2)
         for n, polygon in enumerate(polygons.each())
@@ -328,12 +325,7 @@ def _bin(place: Floats, count: int) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class _Strip:
-    """Heights that pairs of trapezoids share, and their sides at either end.
-
-    Attributes:
-        y: float64 [2, n], of the ends.
-        left, right: float64 [2, 2, n], at the ends, of the own trapezoid and of the other.
-    """
+    """Heights that pairs of trapezoids share, and the sides of both at either end: float64 [2, n], then [2, 2, n]."""
 
     y: Floats
     left: Floats

@@ -59,7 +59,7 @@ from numpy.polynomial.legendre import legvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import JobError
-from maskfab.base.model import Psf, frozen
+from maskfab.base.model import Frozen, Psf
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.polynomials import gauss_legendre, spherical_bessel, spherical_bessel_bounds
@@ -82,7 +82,7 @@ _PHASED, _MOMENT, _RIM_DOT, _SPREAD, _KERNEL, _THIN = 5e7, 3200.0, 4e5, 240.0, 6
 
 
 @dataclass(frozen=True, eq=False)
-class PhasedPupil:
+class PhasedPupil(Frozen):
     """A pupil times exp(2πi W), as Legendre moments of its dots.
 
     Attributes:
@@ -104,10 +104,6 @@ class PhasedPupil:
     degree: int
     highest: float
     error: float
-
-    def __post_init__(self) -> None:
-        for name in ("moments", "rim_moments"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def field_integral_um2(self) -> complex:
@@ -153,13 +149,7 @@ class PhasedPupil:
         return matrix
 
     def _rim_columns(self, orders: range, p: int, stacked_y: Floats) -> Floats:
-        """Contribution of the cut dots alone for one order in x and those in y above the degree, [2, nx, 2 nv].
-
-        Args:
-            orders: in y.
-            p: order in x.
-            stacked_y: kernels of all orders in y one below the other, [orders x ny, 2 nv].
-        """
+        """Contribution of the cut dots for one order in x and those in y above the degree, [2, nx, 2 nv]."""
         pupil = self.pupil
         rows, columns = pupil.whole.shape
         chosen = np.array(orders)
@@ -220,7 +210,6 @@ def phased_flops(pupil: Pupil, u: Floats, steepest: float, tolerance: float) -> 
     Args:
         u: float64 [n] frequencies from 0 along either axis, cycles per micrometre.
         steepest: most waves that the phase turns over a micrometre.
-        tolerance: as for :func:`phased`.
     """
     n, dot, moments = u.size, pupil.x.dot_um, 0
     (ny, nx), dots, rim = pupil.whole.shape, int(np.count_nonzero(pupil.whole)), pupil.rim_row.size
@@ -543,11 +532,7 @@ def image_distance_um(focal_um: float, object_um: float) -> float:
 
 
 def defocus_waves(camera: Camera, wavelength_nm: float, object_um: float, focus_um: float) -> Waves:
-    """The phase of an object at one distance while the camera is focused at another, as a function of x, y in um.
-
-    Raises:
-        JobError: MF104 for a distance within the focal length.
-    """
+    """Phase (x, y in um) of an object while the camera is focused elsewhere; MF104 within the focal length."""
     curvature = 1 / image_distance_um(camera.focal_um, focus_um) - 1 / image_distance_um(camera.focal_um, object_um)
     factor = curvature / (2 * wavelength_nm * UM_PER_NM)
 

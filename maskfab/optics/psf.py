@@ -267,8 +267,7 @@ def within(points: Psf, camera: Camera) -> Psf:
 def _pixel_filter(pixel_um: float, step_um: float, highest: float) -> Floats:
     """Weights [2 n + 1] that average samples ``step_um`` apart over a pixel, for frequencies up to ``highest``.
 
-    The samples' plain mean, and least squares on the band for what it lacks, which taps about the pixel's rim make up;
-    they grow until the worst error anywhere in the band is below the tolerance.
+    The plain mean plus least squares at the rim; taps grow until the error anywhere in the band is below the tolerance.
     """
     steps = round(pixel_um / step_um)
     beyond, error = 2, np.inf

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask, distinct
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, Panel, Polygon, frozen, orient, refined
+from maskfab.base.model import ORIENTATIONS, Frozen, Panel, Polygon, orient, refined
 from maskfab.base.units import NM_PER_UM
 from maskfab.job.camera import Stop
 from maskfab.optics.polynomials import gauss_legendre, legendre, legendre_integrals
@@ -132,7 +132,7 @@ class Lattice:
 
 
 @dataclass(frozen=True, eq=False)
-class Aperture:
+class Aperture(Frozen):
     """Transmission of the openings before the stop cuts them.
 
     Attributes:
@@ -144,10 +144,6 @@ class Aperture:
     y: Lattice
     transmission: Floats
     variance: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "transmission", frozen(self.transmission))
-        object.__setattr__(self, "variance", frozen(self.variance))
 
 
 def finer_aperture(openings: Aperture, times: int) -> Aperture:
@@ -328,7 +324,7 @@ _ORDERS_AT_A_TIME = 5120
 
 
 @dataclass(frozen=True, eq=False)
-class Pupil:
+class Pupil(Frozen):
     """Clear dots inside the stop.
 
     Attributes:
@@ -351,10 +347,6 @@ class Pupil:
     rim_transmission: Floats
     stop: Stop
     stop_um: tuple[float, float] = (0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for name in ("whole", "whole_variance", "rim_moments", "rim_transmission"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @classmethod
     def of_whole_dots(cls, x: Lattice, y: Lattice, whole: Floats, stop: Stop) -> Pupil:

@@ -36,11 +36,7 @@ _COLUMNS = "wavelength_nm, then one column per curve"
 
 
 def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
-    """The text of a file of curves, its lines ended by ``\\n``; nothing of it is judged yet.
-
-    Raises:
-        SourceError: MF308 if the suffix is not ``.csv``, MF301 missing, MF302 empty, MF304 not text.
-    """
+    """The unjudged text of a file of curves, lines ended by ``\\n``; MF308 if no ``.csv``, MF301, MF302, MF304."""
     if path.suffix.lower() != ".csv":
         what = f"{path} has the suffix {path.suffix!r}"
         raise SourceError("MF308", what, where=where, cure="Curves are read from .csv")

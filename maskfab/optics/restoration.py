@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Singles
 from maskfab.base.errors import JobError
-from maskfab.base.model import Quantity, frozen
+from maskfab.base.model import Frozen, Quantity
 from maskfab.job.camera import Camera
 from maskfab.optics.lags import LagTable
 from maskfab.optics.psf import image_scale_um2
@@ -58,7 +58,7 @@ class SomeExact:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorSquare:
+class SensorSquare(Frozen):
     """|presampled OTF| at the midpoints of a grid over the upper half of the sensor's square of frequencies.
 
     Attributes:
@@ -68,13 +68,9 @@ class SensorSquare:
     """
 
     modulation: Floats
-    step_cy_per_um: float
     uncertainty: float
     wavelength_nm: float | None
     exact: SomeExact | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "modulation", frozen(self.modulation))
 
     @property
     def before_and_after(self) -> tuple[Floats, Floats]:
@@ -94,7 +90,6 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
 
     Args:
         table: lags up to half a cycle per pixel at the longest wavelength.
-        camera: gives focal length and pixel.
         samples: along a side of the square, even.
 
     Raises:
@@ -114,7 +109,7 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
         if line is None or not table.rims or not table.affords(_FEWEST_EXACT)
         else _some_exact(table, camera, line, axis, upper)
     )
-    return SensorSquare(modulation, step, table.coarse_uncertainty, line, exact)
+    return SensorSquare(modulation, table.coarse_uncertainty, line, exact)
 
 
 def _some_exact(table: LagTable, camera: Camera, wavelength_nm: float, axis: Floats, upper: Floats) -> SomeExact:

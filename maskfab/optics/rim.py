@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, Labels, Mask
-from maskfab.base.model import frozen
+from maskfab.base.model import Frozen
 from maskfab.job.camera import Stop
 from maskfab.optics.pupil import Lattice, Pupil
 
@@ -49,7 +49,6 @@ def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
     """Area of rectangles inside a stop and inside the stop moved back by a lag.
 
     Args:
-        stop: see :func:`has_closed_form`.
         box_um: float64 [4, n], x0, x1, y0, y1.
         lag_um: float64 [2, n], x, y.
     """
@@ -70,10 +69,7 @@ def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
 
 
 def _in_both_discs(box: Floats, lag: Floats, own_radius: float, moved_radius: float) -> Floats:
-    """Area of rectangles inside a disc about the origin and another that lies a lag behind.
-
-    The circle of the larger power bounds a point, so on either side of the circles' radical axis it is a single one.
-    """
+    """Area of rectangles in a disc about the origin and in one a lag behind, split at their radical axis."""
     area, split = np.empty(box.shape[1]), []
     for start in range(0, area.size, _AT_A_TIME):
         some = slice(start, start + _AT_A_TIME)
@@ -171,10 +167,7 @@ def area_in_both_discs(x: Floats, y: Floats, lag: tuple[float, float], hole: flo
 
 
 def _beside(x: Floats, y: Floats, height: Floats, normal: Floats) -> tuple[Floats, Floats]:
-    """Polygons [2 v, n] that are corners [v, n] clipped to where a height that rises along a normal is not negative.
-
-    Corners on the other side are moved onto the line: what that adds runs along it forth and back, and encloses none.
-    """
+    """Polygons [2 v, n] of corners [v, n] clipped to a half plane: those outside move onto its line."""
     slope = (normal**2).sum(axis=0)
     back = np.minimum(height, 0.0) / slope
     following = _next(height)
@@ -216,7 +209,7 @@ _QUADRANTS = [(False, False), (False, True), (True, False), (True, True)]
 
 
 @dataclass(frozen=True, eq=False)
-class RimParts:
+class RimParts(Frozen):
     """Parts of cut dots, each in one quadrant of the stop.
 
     Attributes:
@@ -230,10 +223,6 @@ class RimParts:
     mirrored: Labels
     table: Floats
     round: bool
-
-    def __post_init__(self) -> None:
-        for name in ("dot", "mirrored", "table"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @classmethod
     def of(cls, stop: Stop, x_um: Floats, y_um: Floats, transmission: Floats) -> RimParts:
@@ -257,11 +246,6 @@ class RimParts:
         place, dot = np.concatenate([first, others]), np.concatenate([dots, other_dots])
         mirrors = np.array(_QUADRANTS * len(discs), dtype=np.int8)
         return cls(dot, mirrors[place].T, np.stack(tables, axis=-2)[..., place, dot], stop.round)
-
-    @property
-    def clear_um2(self) -> Floats:
-        """Clear area of each part times the dot's transmission, negative in an annulus's dark middle, [m]."""
-        return np.asarray(self.table[-1, 1])
 
     def excess_um2(self, part: Indices, share: Floats, quarters: Labels | Floats) -> Floats:
         """Area that quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
@@ -400,11 +384,10 @@ _FIRST_CLEAR_BIT = 3
 
 
 @dataclass(frozen=True, eq=False)
-class RimLags:
+class RimLags(Frozen):
     """The cut dots of a pupil, as a correction of the autocorrelation of mean transmissions.
 
     Attributes:
-        dots: the cut dots.
         kind: uint8 [ny, nx], what of an interval and the next ones along x and y a bit each tells: whether they are
             unlike, whether one of them is cut, and whether the first is; and in a binary mask which ones are whole and
             clear. 0 in a margin as wide as lags reach.
@@ -420,11 +403,6 @@ class RimLags:
     grey: Floats | None
     margin: tuple[int, int]
     spread_um2: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "kind", frozen(self.kind))
-        if self.grey is not None:
-            object.__setattr__(self, "grey", frozen(self.grey))
 
     @property
     def stop(self) -> Stop:
@@ -615,12 +593,7 @@ def _shifts(lattice: Lattice, lag_um: Floats, limit: int) -> Iterator[_Shift]:
 
 @dataclass(frozen=True, eq=False)
 class _Meeting:
-    """Parts of cut dots that lags move onto dots that matter.
-
-    Attributes:
-        at, part, where: intp [n], which lag, which part, ascending, and the flat index of the interval met first.
-        kind: uint8 [n], of that interval.
-    """
+    """Parts of cut dots that lags move onto dots that matter: lag, part (ascending), index and kind of interval."""
 
     rim: RimLags
     along_x: _Shift

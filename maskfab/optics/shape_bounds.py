@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Indices, fast_length
-from maskfab.base.model import frozen
+from maskfab.base.model import Frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
 _MOST_SQUARES, _ROWS_AT_A_TIME = 512, 64
@@ -37,7 +37,7 @@ _SINGLE = 2e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ShapeBounds:
+class ShapeBounds(Frozen):
     """Bounds for lags up to a reach along either axis.
 
     Attributes:
@@ -47,9 +47,6 @@ class ShapeBounds:
 
     step_um: tuple[float, float]
     bound_um2: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "bound_um2", frozen(self.bound_um2))
 
     def at(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         """Bounds at lags of equal shape, in square micrometres."""
@@ -127,8 +124,7 @@ class _Dots:
 
     Attributes:
         weights_um2: float32 [windows y, windows x], sums of w of the dots that begin in each square of steps.
-        ranges: float32 [windows y, windows x], greatest less least amplitude in every sweep.
-        sum_um2, own_um2: of w, and of what the dots share with themselves.
+        ranges: the same of greatest less least amplitude in every sweep.
     """
 
     weights_um2: NDArray[np.float32]

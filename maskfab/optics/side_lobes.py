@@ -147,10 +147,7 @@ class SideLobes:
                 yield float(part.max()), rows, columns
 
     def _maxima(self, columns: tuple[int, int], rows: tuple[int, int]) -> Iterator[tuple[float, float, float]]:
-        """Estimated height, and place, of the finer samples in a tile that none beside them exceeds, the highest first.
-
-        Of an intensity that is alike on opposite sides one half is enough.
-        """
+        """Estimated height and place of finer samples that none beside them exceeds, the highest first."""
         x, y = (self._finer_um * np.arange(first - 1, last + 2, dtype=np.float64) for first, last in (columns, rows))
         values = self.psf.intensity(x, y)
         across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])

@@ -128,11 +128,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A continuous spectrum: the product of curves where all of them are defined.
-
-    Raises:
-        JobError: MF104 if no wavelength passes all of the curves.
-    """
+    """A continuous spectrum: the product of curves where all of them are defined; MF104 if that is nowhere."""
 
     curves: tuple[Curve, ...]
     name: str
@@ -194,11 +190,7 @@ class Band:
 def line_spectrum(
     wavelengths_nm: Floats | list[float], weights: Floats | list[float] | None = None, name: str = ""
 ) -> Spectrum:
-    """A spectrum of lines, weights in any scale; equal energies if there are none.
-
-    Raises:
-        JobError: MF112 or MF104, see :class:`Spectrum`.
-    """
+    """A spectrum of lines, weights in any scale; equal energies if there are none."""
     places = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
     energies = np.ones_like(places) if weights is None else np.atleast_1d(np.asarray(weights, dtype=np.float64))
     label = name or " + ".join(f"{place:g} nm" for place in places[:4]) + (" ..." if places.size > 4 else "")
@@ -260,11 +252,7 @@ def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x:
 
 
 def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
-    """The polychromatic OTF on a rectilinear grid, [ny, nx] from [nx] and [ny], along one axis after the other.
-
-    Raises:
-        InternalError: MF901 for a lag beyond the table's reach.
-    """
+    """The polychromatic OTF on a rectilinear grid, [ny, nx] from [nx] and [ny], along one axis after the other."""
     total = np.zeros((nu_y.size, nu_x.size))
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
         scale = wavelength * UM_PER_NM * camera.focal_um
@@ -278,11 +266,7 @@ def pixel_transfer(camera: Camera, nu_x: Floats, nu_y: Floats) -> Floats:
 
 
 def check_wavelengths(wavelengths_nm: Floats, where: str) -> None:
-    """Refuse wavelengths outside 200 to 2000 nm, or none at all.
-
-    Raises:
-        JobError: MF112, or MF104 for an empty list.
-    """
+    """Refuse wavelengths outside 200 to 2000 nm (MF112), or none at all (MF104)."""
     if not wavelengths_nm.size:
         raise JobError("MF104", "the spectrum has no wavelength", where=where, cure="Give at least one wavelength")
     outside = ~((wavelengths_nm >= SHORTEST_NM) & (wavelengths_nm <= LONGEST_NM))

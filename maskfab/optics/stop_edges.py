@@ -85,8 +85,7 @@ def _in_round_stop(edges_um: Floats, stop: Stop) -> tuple[Floats, float]:
 def _in_disc(edges: Floats, radius: float) -> tuple[Floats, float]:
     """Boundary of polygons inside a circle, and their area there, whose arcs are not replaced by chords.
 
-    An edge is cut where it meets the circle; two that share a corner find the same side of the circle for it, so that
-    as many edges leave the disc as enter it. From where one leaves to where the next one enters the rim is clear.
+    Edges that share a corner find it on the same side of the circle, so that as many leave the disc as enter it.
     """
     start, end = edges[:, :2], edges[:, 2:]
     span = end - start
@@ -138,11 +137,9 @@ def _rim_edges(begin: Floats, end: Floats, radius: float) -> Floats:
 
 
 def _sides(forth: Ints, back: Ints, start: Ints, end: Ints) -> Ints:
-    """Sides of boxes that lie along one axis, int64 [n, 4] of start, line, end and line; what runs both ways is gone.
+    """Sides of boxes along one axis, int64 [n, 4] of start, line, end and line; what runs both ways is gone.
 
-    Args:
-        forth, back: lines along which a box has a side from start to end, and one from end to start, each less than
-            half a metre from 0.
+    Lines lie less than half a metre from 0.
     """
     lines, ends = np.concatenate([forth, forth, back, back]), np.concatenate([start, end, end, start])
     # A bit tells what begins from what ends, so that whole numbers are sorted by themselves.

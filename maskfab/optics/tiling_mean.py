@@ -29,7 +29,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
-from maskfab.base.model import ORIENTATIONS, Panel, Psf, frozen, orient
+from maskfab.base.model import ORIENTATIONS, Frozen, Panel, Psf, orient
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import parity_field
 from maskfab.optics.polynomials import spherical_bessel, spherical_bessel_bounds
@@ -43,7 +43,7 @@ _RIM_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPsf:
+class MeanPsf(Frozen):
     """The PSF of a random tiling, averaged over all layouts.
 
     Attributes:
@@ -55,10 +55,6 @@ class MeanPsf:
     psf: Psf
     variance: Floats
     random_share: Floats
-
-    def __post_init__(self) -> None:
-        for name in ("variance", "random_share"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def scatter(self) -> float:
@@ -74,9 +70,6 @@ def mean_psf(
     Args:
         panel: opening, pitch and extent; its own orientations do not matter.
         elements: orientations to draw from, in the numbering of :func:`maskfab.base.model.orient`; repeats weigh more.
-
-    Raises:
-        InternalError: MF901 without elements.
     """
     cells = _random_cells(panel, camera.stop, elements)
     step, scale = point_step_um(camera), image_scale_um2(camera, wavelength_nm)
@@ -222,10 +215,7 @@ def _tiled(frame: Aperture, cell: Floats) -> Floats:
 
 
 def _chebyshev(axis: Floats, pitch_um: float) -> tuple[Floats, Floats]:
-    """Chebyshev nodes on the axis' range, and the matrix that interpolates from them to the axis.
-
-    Lags up to one pitch make exp(2πi pitch q), whose expansion ends about 2π pitch max|q| terms on.
-    """
+    """Chebyshev nodes on the axis' range, and the matrix that interpolates; 2π pitch max|q| terms and some more."""
     top = float(axis[-1]) or 1.0
     count = int(np.ceil(2 * np.pi * pitch_um * top)) + _SPARE_NODES
     nodes = chebpts1(count)
@@ -245,7 +235,9 @@ def _cell_variances(cells: _RandomCells, nodes: Floats) -> tuple[Floats, Complex
     pseudo = (fields**2).mean(axis=0) - mean**2
     total = int((cells.share == 1).sum()) * power
     rims = _rim_by_cell(cells)
-    orders = _rim_orders(x, y, nodes)
+    phase = np.pi * abs(nodes).max() * max(x.dot_um, y.dot_um)
+    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
+    orders = int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
     kernels_x, kernels_y = _dot_kernels(x, nodes, orders), _dot_kernels(y, nodes, orders)
     of_cut_cells = np.zeros_like(total)
     representatives, symmetric = _representatives(cells)
@@ -259,11 +251,7 @@ def _cell_variances(cells: _RandomCells, nodes: Floats) -> tuple[Floats, Complex
 
 
 def _representatives(cells: _RandomCells) -> tuple[dict[tuple[int, int], int], bool]:
-    """Cut cells with how many they stand for, and whether their sum is still to be averaged over D4.
-
-    Where all eight orientations are drawn and the panel is square about the axis, turning the panel turns one cut cell
-    into the next, and an eighth of them will do.
-    """
+    """Cut cells with how many they stand for, and whether their sum must still be averaged over D4 (square panels)."""
     row, column = np.nonzero((cells.share > 0) & (cells.share < 1))
     places = [(int(j), int(i)) for j, i in zip(row, column, strict=True)]
     x, y = cells.mean.x, cells.mean.y
@@ -285,12 +273,6 @@ def _dot_kernels(lattice: Lattice, frequency: Floats, orders: int) -> list[Compl
     phase = np.exp(-2j * np.pi * frequency[:, None] * centre)
     size = lattice.dot_um * spherical_bessel(abs(np.pi * frequency * lattice.dot_um), orders)
     return [(-1j) ** p * (size[p] * np.where(frequency < 0, (-1.0) ** p, 1.0))[:, None] * phase for p in range(orders)]
-
-
-def _rim_orders(x: Lattice, y: Lattice, nodes: Floats) -> int:
-    phase = np.pi * abs(nodes).max() * max(x.dot_um, y.dot_um)
-    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
-    return int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
 
 
 def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], Indices]:

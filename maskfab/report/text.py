@@ -77,7 +77,6 @@ def value_and_error(
     Args:
         error: half width of its error bar; None or 0 for an exact number.
         unit: a number of decibels has two decimals at most.
-        digits: as many at most.
 
     Returns:
         The value, and the error without its sign: "" for none, :data:`EXACT` for one of rounding alone.

@@ -88,7 +88,6 @@ class Limits:
 
     Attributes:
         dies: whose displays were held against them, less the reference where it is not counted.
-        kept: how many keep them all.
         stated: whether the job states any of them, which are else defaults.
         aside: words on the reference, where it is not counted.
     """
@@ -159,7 +158,6 @@ class Verdicts:
         """From the checks of a plate, and what was found of the displays of those of its ``dies`` that have one.
 
         Args:
-            dies: on the plate.
             reference: die that the others are compared with, which is counted only where it is the only one.
             house: whether the rules of a mask house were asked elsewhere; else the checks tell.
         """

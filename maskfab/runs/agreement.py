@@ -130,11 +130,7 @@ def _is_number(text: str) -> bool:
 
 
 def _rounds_to(exact: str, shown: str, error: float) -> bool:
-    """Whether a number is shown to within half a unit of its last digit; what is shown in words is not judged.
-
-    Args:
-        error: as a page states it: a number that is not known to its units is shown in tens or more.
-    """
+    """Whether a number is shown to half a unit of its last digit, tens if unknown to units; words are not judged."""
     found = _NUMBER.match(shown)
     if found is None:
         return True

@@ -31,7 +31,6 @@ class AsDesigned:
     """Dies of a job, measured and photographed as designed.
 
     Attributes:
-        report: of them.
         optics: MTF and numbers of every die, at every wavelength of the camera.
     """
 

@@ -68,8 +68,6 @@ class Stage:
     """A stage of a run.
 
     Attributes:
-        name: as progress tells it.
-        tasks: it consists of.
         kept: of these, findings of earlier runs; None where that is not known before the run.
         seconds: of a processor that the rest takes.
         bytes: of memory, of the process that holds most, with all that it holds besides.
@@ -94,7 +92,6 @@ class Forecast:
 
     Attributes:
         stages: in their order; none for a run that is taken whole from the cache.
-        processes: that share the work.
         source: of the numbers, in words.
         whole: whether the run is kept whole.
         tasks: at a time at most, beyond which no further core would have anything to do.
@@ -432,7 +429,6 @@ class Amounts:
         drawn: vertices with all references followed.
         dots: of the die that has most, its gutters among them.
         share: of that die in the dots of all.
-        dies: on the plate.
     """
 
     vertices: int

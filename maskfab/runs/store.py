@@ -98,7 +98,9 @@ def _leaf(value: object) -> tuple[str, bytes] | None:
         case np.generic() | np.ndarray():
             return _array(np.asarray(value))
         case FunctionType() | BuiltinFunctionType() | type():
-            return _function(value)
+            if "<" in value.__qualname__:
+                raise TypeError(f"the function {value.__qualname__} has no name to be found by")
+            return "function", f"{value.__module__}.{value.__qualname__}".encode()
         case tuple() if _is_plain(value):
             return "plain", repr(value).encode("utf-8", "surrogatepass")
     return _region(value)
@@ -145,12 +147,6 @@ def _array(array: np.ndarray[Any, Any]) -> tuple[str, bytes]:
     # Sums depend on the order in memory, so arrays that only compare equal are told apart.
     order = "F" if array.flags.f_contiguous and not array.flags.c_contiguous else "C"
     return f"array {array.dtype.str} {array.shape} {order}", array.tobytes()
-
-
-def _function(value: FunctionType | BuiltinFunctionType | type) -> tuple[str, bytes]:
-    if "<" in value.__qualname__:
-        raise TypeError(f"the function {value.__qualname__} has no name to be found by")
-    return "function", f"{value.__module__}.{value.__qualname__}".encode()
 
 
 def _name(kind: type) -> str:

@@ -46,11 +46,7 @@ def made(
     scheduler: str | None = None,
     workers: int | None = None,
 ) -> Swept:
-    """Make a sweep in a folder; what is in it of an earlier one, killed or finished, is not found again.
-
-    Args:
-        engine, scheduler, workers: as for :func:`maskfab.runs.sweep_cases.workers_of`.
-    """
+    """Make a sweep in a folder; what is in it of an earlier one, killed or finished, is not found again."""
     check_folder(out)
     folder = out / CASES
     records: dict[str, Record] = {}

@@ -92,7 +92,6 @@ class Yield:
 
     Attributes:
         die: whose they are; None for all dies of a case.
-        kept: number that keep all.
         cases: number of all; those that failed have kept none.
         low, high: Wilson's 95 % interval of the share.
     """

@@ -510,14 +510,10 @@ def _case(
             raise
         reason = f"{refusal.code} {refusal.what}"
         return Case(_key(document, quantities), levels, None, reason)
-    stated = _used(spec)
-    return Case(_key(stated, quantities), levels, stated)
-
-
-def _used(spec: JobSpec) -> Document:
-    """Plain data of a job without openings that no die has, such as those that another was put in place of."""
+    # Openings that another was put in place of do not count.
     used = {name for die in spec.die for name in (die.opening, *(die.others or ()))}
-    return spec.model_copy(update={"openings": {k: v for k, v in spec.openings.items() if k in used}}).dump()
+    stated = spec.model_copy(update={"openings": {k: v for k, v in spec.openings.items() if k in used}}).dump()
+    return Case(_key(stated, quantities), levels, stated)
 
 
 def _key(document: Mapping[str, Any], quantities: tuple[str, ...]) -> str:

@@ -287,10 +287,7 @@ def _pages_differ(
     *,
     held: bool,
 ) -> Iterator[tuple[str, str]]:
-    """Pages and table against those of the pictures made again, and of the report, to its last digit if that held.
-
-    Earlier versions wrote no appendix and no table.
-    """
+    """Pages and table against those of the pictures and the report made again; earlier versions wrote fewer of them."""
     there = {file["path"] for file in manifest["files"]}
     versions = manifest.get("versions")
     made_with = versions if isinstance(versions, Mapping) else None

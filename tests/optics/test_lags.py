@@ -135,7 +135,7 @@ def test_parts_of_cut_dots_add_up_to_them(name: str) -> None:
         for lattice, at in ((source.x, source.rim_column), (source.y, source.rim_row))
     )
     parts = RimParts.of(source.stop, x, y, source.rim_transmission)
-    clear = np.bincount(parts.dot, parts.clear_um2)
+    clear = np.bincount(parts.dot, parts.table[-1, 1])
     dot_um2 = (x[1] - x[0]) * (y[1] - y[0])
     assert clear == pytest.approx(source.rim_moments[:, 0, 0] * dot_um2, abs=1e-9)
     assert (parts.dot[: source.rim_row.size] == np.arange(source.rim_row.size)).all()

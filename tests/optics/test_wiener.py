@@ -27,7 +27,7 @@ from maskfab.optics.spectrum import line_spectrum
 
 
 def square(modulation: np.ndarray, uncertainty: float = 1e-15) -> SensorSquare:
-    return SensorSquare(modulation, 0.01, uncertainty, 530.0)
+    return SensorSquare(modulation, uncertainty, 530.0)
 
 
 @given(st.floats(0, 1), st.floats(1e-12, 1))

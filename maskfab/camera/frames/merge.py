@@ -51,10 +51,7 @@ _ALIKE = 2.0
 
 
 def _dark(frames: Sequence[Frame], times_s: Sequence[float], place: int) -> tuple[Mask, list[float]]:
-    """Hot pixels of one colour in dark frames, and mean counts above black of the others in exposures of such times.
-
-    Hot are six robust standard deviations above the median. Where a dark frame has no time, all have one level.
-    """
+    """Hot pixels (six robust standard deviations) in dark frames, and mean counts above black of the others by time."""
     stack = np.stack([frame.signal(place) for frame in frames])
     middle = np.median(stack, axis=0)
     usual = float(np.median(middle))

@@ -221,7 +221,8 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
                 break
             since = math.inf
             continue
-        change = _step(now, damping)
+        diagonal = np.diag(np.diag(now.information))
+        change = np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
         tried = start.at(start.values + change)
         seen = image.pictures(tried)
         there = judged(taken, seen, tried)
@@ -321,11 +322,6 @@ class NormalEquations:
     def sigma_distance(self, change: Floats) -> float:
         """The largest change of a value, in its standard errors."""
         return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
-
-
-def _step(now: NormalEquations, damping: float) -> Floats:
-    diagonal = np.diag(np.diag(now.information))
-    return np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
 
 
 def normal_equations(
@@ -496,10 +492,7 @@ def _between(frames: Sequence[NormalEquations], inflation: float) -> Floats:
 
 
 def _variance_between(values: Floats, noise: Floats) -> float:
-    """Variance of values of their own, beside that of the noise of each: the most likely, 0 where it is not proven.
-
-    It is enlarged so that 1.96 errors hold 95 % although few exposures tell it.
-    """
+    """Variance of values of their own beside their noise, raised so that 1.96 errors hold 95 %; 0 where not proven."""
     reach = float(np.ptp(values))
     tried = np.concatenate([[0.0], np.geomspace(_FINEST * noise.min(), max(reach**2, noise.min()), _TRIED)])
     weights = 1 / (noise + tried[:, None])

@@ -164,7 +164,8 @@ def _explained(
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
     identity = identified(panels, camera, light, taken, progress)
     setting, panel = identity.fit.setting, panels[identity.best.die]
-    if _unlike(setting, panel):
+    # Bent beyond what a writer or a camera does.
+    if abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or abs(setting.scale) >= _STRETCHED:
         there = _other_die({identity.best.die: panel}, others, camera, light, taken, progress)
         raise _none(setting, identity.best.die, panel, there)
     image = DieImage.of(panel, identity.best.way_round, camera, light, [capture.pixels for capture in taken])
@@ -269,11 +270,6 @@ def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
             ("captured_loss", price.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
         ):
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
-
-
-def _unlike(setting: Setting, panel: Panel) -> bool:
-    """Whether a fit had to bend the die beyond what a writer or a camera does."""
-    return abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or abs(setting.scale) >= _STRETCHED
 
 
 def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> SourceError:

@@ -41,7 +41,7 @@ from scipy import special
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Mask
 from maskfab.base.errors import SourceError
-from maskfab.base.model import frozen
+from maskfab.base.model import Frozen
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
 from maskfab.camera.inspection.edge_health import Excess, above_one, asymmetry, overshoot, uneven_light
@@ -102,7 +102,6 @@ def normal_sums(distance_px: Floats, values: Floats, counts: Mask, half_px: floa
 
     Args:
         counts: which of them are used; those farther than ``half_px`` are not.
-        half_px: a whole number of steps.
     """
     side = round(half_px / step_px)
     size = 2 * side + 1
@@ -258,7 +257,7 @@ _FEWEST_VALID = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeMtf:
+class EdgeMtf(Frozen):
     """The presampled MTF across one edge: optics and pixel, before any sampling can alias it.
 
     Attributes:
@@ -286,10 +285,6 @@ class EdgeMtf:
     high: Floats
     method: str
     excesses: tuple[Excess, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_px", "mtf", "low", "high"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def frequency_cy_per_mm(self) -> Floats | None:

@@ -28,11 +28,7 @@ FILES: Mapping[str, str] = MappingProxyType(
 
 
 def named(names: Sequence[str] = ()) -> tuple[Restorer, ...]:
-    """Restorers of these names, each once; all of them where none is named.
-
-    Raises:
-        JobError: MF105 for a name that none has.
-    """
+    """Restorers of these names, each once (MF105 for an unknown one); all of them where none is named."""
     restorers: list[Restorer] = []
     for name in dict.fromkeys(names or FILES):
         if name not in FILES:

@@ -43,12 +43,6 @@ Notes:
     Pixels that a full well cut off are not judged, but their halo is, of which the record has too little: with a tenth
     of them, an error of the mean level counts a tenth too much or too little. Full wells are not imagined.
     The noise of an interpolated mosaic is taken for independent where its covariance is computed.
-    Regret in dB of the score against the best restorer's, of 16 small pictures that tuned no restorer, of light or
-    codes at 24 to 40 dB, behind four panels other than a T-OLED, 35 cases at one strength, p mirrored: the best alone
-    0.15 in the mean (0.02 to 0.40 by a bootstrap of the pictures) and 1.75 at worst, the mean of two -0.03 (-0.10 to
-    0.05) and 0.45. How much of d counts was picked among four numbers on these. Behind a T-OLED, at a strength that
-    does not suit it, the errors in the gaps of its transfer are told badly: eight cases, 0.72 in the mean and 2.70 at
-    worst.
     As ``make bench`` has it, three photographs of these at 32 dB in light with tuned strengths, behind a T-OLED and a
     bar: -0.06 in the mean (-0.13 to 0.05) and 0.28 at worst.
 """

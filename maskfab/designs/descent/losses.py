@@ -284,12 +284,9 @@ def top_residual(
     Args:
         stop: the layout; its camera has three wavelengths, those of red, green and blue.
         scenes: each large enough for a crop.
-        side: of the sensor, pixels.
         margin: round it, pixels; less than the side.
         crops: how many, at random places, taken from the scenes in turn.
-        beyond: what lies outside the sensor.
         nsr: noise-to-signal ratio of the filter, above 0: nothing restores a frequency that is nil.
-        seed: of the places and the order.
 
     Raises:
         JobError: MF105 without scenes or with other than three wavelengths; MF104 for scenes smaller than a crop with

@@ -56,7 +56,6 @@ class Autocorrelation:
         index: int64 [rows x columns], the unit's dot at each place of the pupil, flat; dots outside the stop have the
             number after the last dot.
         shape: dots of the pupil along y and x.
-        dots: dots along the unit's side.
         size: points N of the transforms along each side.
         reach: longest lag along y, in dots; |x| of a lag may be as long.
         share: of that shape, of each dot inside the stop; None where dots are in or out.
@@ -217,7 +216,6 @@ class AreaPenalty(Objective):
     Good for keeping a relaxed unit on the way to a count; a binary unit has its count anyway.
 
     Attributes:
-        weight: α.
         settled: share of the run after which c is the target; on the way there it falls evenly.
         stair: height of the published stairs, 0 for an even slope. Steps are then even in time too.
         now: c of this step; None before ``at``, which means the target.
@@ -396,7 +394,6 @@ def tiled_stop(
 
     Args:
         orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
-        device: "cpu" or "cuda".
 
     Raises:
         JobError: MF104 if half a cycle per pixel is less than a lag of one dot, or the stop holds no two dots; MF115 if

@@ -71,7 +71,6 @@ class Layout:
 
     Attributes:
         place: intp [ny, nx], the unit's dot at every interval of the pupil; -1 in gutters.
-        dots: along the unit's side.
         turned: int8 [cells y, cells x], orientations of the pupil's cells.
     """
 
@@ -194,7 +193,6 @@ class PointImage:
         energy: [dots²], in µm⁶: what the norm gains with the square of each dot.
         means: [pixels, samples], of samples to pixels; None for points.
         step_um: between samples, or the pixel.
-        fit_error: largest residual of what stands for cut dots, relative to a whole dot's field.
     """
 
     spread: Spread | Merged
@@ -203,7 +201,6 @@ class PointImage:
     energy: torch.Tensor
     means: torch.Tensor | None
     step_um: float
-    fit_error: float
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
         """The PSF [..., samples, samples] per square micrometre of units [..., dots, dots], the axis in the middle."""
@@ -246,7 +243,7 @@ def point_image(
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     layout = Layout.of(panel, camera.stop)
     here = partial(_here, dtype=dtype, device=device)
-    spread, sources, error = _spread(layout, float(frequency[-1]), dtype, here)
+    spread, sources = _spread(layout, float(frequency[-1]), dtype, here)
     up, across = (np.stack(axis.waves(frequency)) for axis in sources)
     pupil = layout.pupil
     energy = layout.summed(pupil.mean_transmission) * pupil.x.dot_um * pupil.y.dot_um
@@ -258,19 +255,12 @@ def point_image(
         here(psf_norm_um6(scale, 1.0) * energy),
         None if means is None else here(means),
         camera.pixel_um if pixels else step,
-        error,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Axis:
-    """Sources along one axis, symmetric about it.
-
-    Attributes:
-        position_um: [n], ascending.
-        width_um: of each, which is a whole dot or a whole part of one.
-        first: intp [intervals], the first source of each dot of the lattice; -1 for gutters.
-    """
+    """Sources along one axis: places, ascending; widths; intp [intervals], first source of a dot, -1 for gutters."""
 
     position_um: Floats
     width_um: float
@@ -349,16 +339,15 @@ Terms: TypeAlias = tuple[Indices, Indices, Indices, Floats]
 
 def _spread(
     layout: Layout, highest: float, dtype: torch.dtype, here: Callable[[NDArray[Any]], torch.Tensor]
-) -> tuple[Spread | Merged, tuple[_Axis, _Axis], float]:
-    """A spread to the sources along y and x, those, and the residual of what stands for dots."""
-    terms, (up, across), error = _of_cut(layout, highest, _TOLERANCES[dtype])
+) -> tuple[Spread | Merged, tuple[_Axis, _Axis]]:
+    """A spread to the sources along y and x, and those."""
+    terms, (up, across) = _of_cut(layout, highest, _TOLERANCES[dtype])
     merged = _merged(layout, highest)
     if merged > 1:
-        spread, axes, more = _of_cells(layout, highest, merged, (terms, up, across), dtype, here)
-        return spread, axes, max(error, more)
+        return _of_cells(layout, highest, merged, (terms, up, across), dtype, here)
     row, column, dot, weight = terms
     arrays = _of_whole(layout, up, across), _place(up, across, row, column), dot, weight
-    return Spread((4, up.half, across.half), *map(here, arrays)), (up, across), error
+    return Spread((4, up.half, across.half), *map(here, arrays)), (up, across)
 
 
 def _merged(layout: Layout, highest: float) -> int:
@@ -370,8 +359,8 @@ def _merged(layout: Layout, highest: float) -> int:
     return max(times for times in range(1, dots + 1) if dots % times == 0 and times <= max(most, 1))
 
 
-def _of_cut(layout: Layout, highest: float, tolerance: float) -> tuple[Terms, tuple[_Axis, _Axis], float]:
-    """Whole dots that stand for cut ones, the sources along y and x, and the largest residual."""
+def _of_cut(layout: Layout, highest: float, tolerance: float) -> tuple[Terms, tuple[_Axis, _Axis]]:
+    """Whole dots that stand for cut ones, and the sources along y and x."""
     pupil, places, row, column = layout.pupil, layout.place, layout.pupil.rim_row, layout.pupil.rim_column
     orders = rim_orders(pupil, highest, highest)
     tolerance *= 1 + np.count_nonzero(pupil.whole) / max(row.size, 1)
@@ -379,7 +368,7 @@ def _of_cut(layout: Layout, highest: float, tolerance: float) -> tuple[Terms, tu
         across = _Axis.of(pupil.x, highest, reach)
         up = across if pupil.x == pupil.y else _Axis.of(pupil.y, highest, reach)
         if not row.size:
-            return _NOTHING, (up, across), 0.0
+            return _NOTHING, (up, across)
         (rows, along_y, error_y), (columns, along_x, error_x) = (
             axis.stand_ins((edges[at], edges[at + 1]), orders, highest, reach)
             for axis, edges, at in ((up, pupil.y.edges_um(), row), (across, pupil.x.edges_um(), column))
@@ -391,7 +380,7 @@ def _of_cut(layout: Layout, highest: float, tolerance: float) -> tuple[Terms, tu
     along = (rows[:, None] + np.arange(shape[1]))[:, :, None], (columns[:, None] + np.arange(shape[2]))[:, None, :]
     dot = places[row, column][:, None, None]
     at_row, at_column, of_dot = (np.broadcast_to(each, shape).ravel() for each in (*along, dot))
-    return (at_row, at_column, of_dot, weight.ravel()), (up, across), max(error_y, error_x)
+    return (at_row, at_column, of_dot, weight.ravel()), (up, across)
 
 
 _NO_PLACE = np.zeros(0, dtype=np.intp)
@@ -406,7 +395,7 @@ def _of_cells(
     cut: tuple[Terms, _Axis, _Axis],
     dtype: torch.dtype,
     here: Callable[[NDArray[Any]], torch.Tensor],
-) -> tuple[Merged, tuple[_Axis, _Axis], float]:
+) -> tuple[Merged, tuple[_Axis, _Axis]]:
     """Sources so many dots wide: once for all whole cells, and for each cell that the stop cuts."""
     (row, column, dot, weight), fine_up, fine_across = cut
     x, y, dots = layout.pupil.x, layout.pupil.y, layout.dots
@@ -427,7 +416,7 @@ def _of_cells(
         dot,
         weight,
     )
-    matrix, reach, error = _to_merged(dots, x.dot_um, merged, highest, _MERGED_TOLERANCES[dtype])
+    matrix, reach = _to_merged(dots, x.dot_um, merged, highest, _MERGED_TOLERANCES[dtype])
     count, side = dots // merged, len(matrix)
     up, across = (
         _Axis.of(Lattice(each.start_um, each.cells, count, merged * each.dot_um, each.pitch_um), highest, reach + count)
@@ -448,27 +437,25 @@ def _of_cells(
             Spread((4, up.half, across.half), *map(here, home)),
         ),
         (up, across),
-        error,
     )
 
 
-def _to_merged(dots: int, dot_um: float, merged: int, highest: float, tolerance: float) -> tuple[Floats, int, float]:
-    """Sources of a cell and so many to either side for its dots, [sources, dots]; how many; the largest residual."""
+def _to_merged(dots: int, dot_um: float, merged: int, highest: float, tolerance: float) -> tuple[Floats, int]:
+    """Sources of a cell and so many to either side for its dots, [sources, dots], and how many."""
     count = dots // merged
     axis = _Axis(np.zeros(0), merged * dot_um, np.zeros(0, dtype=np.intp), 1)
     middles = (np.arange(merged) + 0.5) / merged - 0.5
     for reach in range(_FEWEST, _MOST + 1):
         place = np.arange(-reach, reach + 1)
         fits = [axis.fit(axis.width_um * (place - middle), dot_um, 1, highest) for middle in middles]
-        error = max(residual for _, residual in fits)
-        if error <= tolerance:
+        if max(residual for _, residual in fits) <= tolerance:
             break
     matrix = np.zeros((count + 2 * reach, dots))
     for k in range(dots):
         source, own = divmod(k, merged)
         matrix[source : source + 2 * reach + 1, k] = fits[own][0][0]
     # A turned cell has its turned sources.
-    return (matrix + matrix[::-1, ::-1]) / 2, reach, error
+    return (matrix + matrix[::-1, ::-1]) / 2, reach
 
 
 def _place(up: _Axis, across: _Axis, row: Indices, column: Indices) -> Indices:

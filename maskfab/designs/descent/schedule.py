@@ -41,13 +41,10 @@ Notes:
     Blue AUC as published, bundled scenes, one seed each: L2 + inv 0.108 for ``paper4`` and 0.082 periodic, L2 0.115 and
     0.086; the authors' masks have 0.119, 0.073, 0.129 and 0.065. Their L2 + inv mask has 0.111 in the very layout that
     ``paper4`` is here: most of that difference is the layout. It has the same L_data as ours there, 0.169 and 0.168
-    with its weight. AUC tells little: four masks of 100 dots drawn at random have 0.135 to 0.140, and two to three
-    times the L_data.
+    with its weight. AUC tells
+    little: masks drawn at random have 0.135 to 0.140.
     The end is no minimum: uniform grey has an L_data of 0.001, and its L_inv is twice as good. What the run ends on is
     how its dots froze, one by one, at steps of about one logit: with the inverse filter all but a few.
-    Other settings end elsewhere. With a ratio of 2e-3 in single precision a fifth of the dots is still grey (0.105);
-    with that ratio halved, crops of 256 in batches of four and 900 steps nearly all are, and thresholding leaves 0.072.
-    Which of these changes does it was not taken apart. The settings here are those nearest to the published ones.
 """
 
 from __future__ import annotations
@@ -100,7 +97,6 @@ class Descent:
     """Settings of a descent.
 
     Attributes:
-        dots: along the unit's side.
         seed: of the first start; the k-th takes seed + k.
         starts: how many; the best result counts.
         rate: learning rate of Adam (Kingma & Ba 2015), on logits.
@@ -144,9 +140,7 @@ class RelaxStep:
     Attributes:
         iteration: 0 to iterations - 1.
         loss: of the relaxed opening, without the area penalty.
-        open_ratio: mean transmission of the relaxed opening.
         best_loss: loss of the best binary opening so far; infinite before the first.
-        start: number of the start, from 0.
     """
 
     iteration: int
@@ -166,7 +160,6 @@ class DescentResult:
         unit: float [dots, dots], 0 and 1, exactly as many clear as asked for; on the CPU.
         relaxed: the last start's last transmissions, [dots, dots].
         iterations: steps done, of all starts together.
-        outcome: how it ended.
     """
 
     unit: torch.Tensor
@@ -199,13 +192,11 @@ def descend(
     Args:
         objective: lower is better.
         penalty: leads the open ratio; the judgement of binary units is without it.
-        progress: told after every step.
         checkpoint: file of the state; if it is there the run goes on from it, and it is kept up to date.
         stop_after: steps of this call, for a run in portions; the state is saved then.
 
     Raises:
         JobError: MF104 for a start on which nothing has any slope.
-        InternalError: MF901 if the very first loss, or the judgement of every binary unit, is not finite.
         SourceError: MF303, MF304 for a checkpoint that is damaged or another run's.
         OutputError: MF401 if the checkpoint cannot be written.
     """

@@ -83,9 +83,6 @@ def joint(
         unit: bool [dots, dots] to start from; it keeps the constraints.
         constraints: that every unit keeps, at every place that ``positions`` move it to.
         rounds: of unit and map; fewer are made where one brings nothing. 0 designs the map alone.
-        seed: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
-        mode: the same.
-        kicks: the same, of the first map.
         positions: the same; the places stay those of the first map.
         start, shifts, holds, steps: the same, of the first map; where ``holds`` depends on the unit, make no rounds.
         clock: the same; no round is begun when its time is over.
@@ -174,11 +171,7 @@ def dot_slopes(slope: Slope, orientations: NDArray[np.int8], shifts: tuple[Shift
 
 
 def require_places(constraints: Constraints) -> None:
-    """Refuse rules whose proof takes neighbours, or what lies behind all cells, to be those of one place.
-
-    Raises:
-        JobError: MF123 for any of these.
-    """
+    """Refuse rules whose proof takes neighbours, or what lies behind cells, to be those of one place (MF123)."""
     if asked := constraints.one_place:
         what = f"an opening at several places in its cell cannot be shown to keep {' and '.join(sorted(asked))}"
         raise JobError("MF123", what, where="positions", cure="Use positions = 1, or relax that rule")

@@ -121,7 +121,6 @@ def graded(
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first; for a
             search those of the eye need not be kept.
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
-        kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
 
     Raises:
         JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside;
@@ -362,11 +361,7 @@ def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tup
 
 
 def _pairs(find: Callable[[int], Iterable[Mask]], wanted: Shares, constraints: Constraints) -> Iterator[Mask]:
-    """Denser and sparser units that keep the constraints beside one another, bool [2, dots, dots], the best first.
-
-    Raises:
-        JobError: MF123 where there are none.
-    """
+    """Denser and sparser units beside one another, bool [2, dots, dots], the best first; MF123 where there are none."""
     dense_count, sparse_count = wanted.dense, wanted.sparse
     sparser: list[Mask] | None = None
     fitting, broken = False, None
@@ -491,7 +486,6 @@ def clustered(
         uniform: bool [dots, dots], the unit of the panel that is compared with.
         most_dots: clear dots of the denser unit; the sparser one has as many fewer.
         find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
-        kicks: as of :func:`maskfab.designs.maps.orientation_map.design_map`.
 
     Raises:
         JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many; MF123 for units

@@ -144,7 +144,6 @@ def design_map(
 
     Args:
         units: bool [dots, dots], or [units, dots, dots] among which every cell chooses as well.
-        error: of panels of such units, :func:`maskfab.designs.model.panel_error.pupil_error`.
         mode: whether the light stays.
         seed: of the random map it starts from, drawn as protocol F1 draws it, and of the kicks.
         kicks: how often cells are turned at random after the first descent; 0 for none.
@@ -209,11 +208,7 @@ def design_map(
 
 
 def require_size(room: CellGrid) -> None:
-    """Refuse cells for which no map can be designed.
-
-    Raises:
-        JobError: MF115 for more than 85 dots along a cell, or 1000 cells along the panel.
-    """
+    """Refuse a map of more than 85 dots along a cell, or 1000 cells along the panel (MF115)."""
     for have, most, what in (
         (room.dots, _MOST_DOTS, "dots along a cell"),
         (room.cells, _MOST_CELLS, "cells along the panel"),
@@ -312,7 +307,6 @@ def best_places(worth: Floats, count: int) -> tuple[int, ...]:
 
     Args:
         worth: [cells, places], what the best turn of a cell at a place changes, dB; less is better.
-        count: how many, at most.
 
     Raises:
         JobError: MF104 for a count below 1.
@@ -332,12 +326,7 @@ def best_places(worth: Floats, count: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A map between two descents.
-
-    Attributes:
-        chosen: what every cell holds, int64 [cells].
-        turns: of :meth:`_Search._turns`.
-    """
+    """A map between two descents: what every cell holds, int64 [cells], and its turns."""
 
     chosen: NDArray[np.int64]
     epsilons: tuple[float, ...]

@@ -359,7 +359,6 @@ def robustness(
         units: bool [units, dots, dots].
         kinds: of the cells before the stop, 8 u + k for unit u under element k of D4, [cells, cells].
         periodic: every cell has the unit as it is.
-        mapped: kinds are designed.
     """
     dots, pitch_um = error.dots, error.dots * error.lattice.dot_um
     draw = np.random.default_rng([seed, 2])
@@ -410,7 +409,6 @@ def moved_by_bias(unit: Mask, kinds: Labels, error: PupilError, bias_um: float) 
     Args:
         unit: bool [dots, dots].
         kinds: elements of D4 of the cells before the stop, [cells, cells].
-        bias_um: less than a dot.
     """
     picture = laid_picture(unit[None], kinds)
     narrow, wide = (np.dot(error.weights, _psnr(error, picture, sign * bias_um)) for sign in (-1, 1))

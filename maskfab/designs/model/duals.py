@@ -8,8 +8,7 @@ clear dots number c², the mean of C is ρ = c / n²: rearranging dots cannot ra
 * 0 <= C <= 1;
 * repeated: C(0) = 1, and the same C at short lags;
 * turned at random: A = S Q at short lags, Q(0) = 1, 0 <= Q <= 1. Pairs within a cell number c² however it is turned, so
-  the sum of Q over the (2n - 1)² short lags is that of C(t mod n), with a multiplier κ;
-* positive semidefinite: every coefficient of the cosine transform of C is at least 0, as it is a squared modulus.
+  the sum of Q over the (2n - 1)² short lags is that of C(t mod n), with a multiplier κ.
 
 By symmetry under the square's eight elements the best multipliers are symmetric, so a bound by classes of residues is
 one for every C.
@@ -146,10 +145,7 @@ def _nodes(grey: float, most: float) -> Floats:
 
 
 def _lowered(value: Floats, dip: Floats) -> Floats:
-    """Values at nodes less the most by which the function can fall below its chords on either side.
-
-    By H, it rises at most once and then falls: between two nodes it is at least the lower of them.
-    """
+    """Values at nodes less the most by which the function, rising at most once and then falling, dips between."""
     rise = np.diff(value, axis=1)
     level = np.abs(rise) < dip
     lowered = value.copy()
@@ -168,49 +164,34 @@ class Residues:
         short: [s], lags of the plane that each of these stands for, the first is lag 0; empty if there are none.
         size: [c], residues in each class; sums to dots².
         repeats: [c], short lags of each class; sums to (2 dots - 1)².
-        transform: [c, c], coefficient of each class of frequencies by the value of C on each class of residues.
     """
 
     of_lag: NDArray[np.int64]
     short: Floats
     size: Floats
     repeats: Floats
-    transform: Floats
 
 
 def residues(inner: Interior, *, periodic: bool) -> Residues:
     """The classes for a unit repeated, or turned at random."""
     n = inner.dots
-    every, size, transform = residue_classes(n)
+    every, size = residue_classes(n)
     y, x = inner.lags
     of_lag = every[y % n, x % n]
     if not periodic:
         of_lag = np.where(np.maximum(y, x) < n, -1, of_lag)
     lag = np.arange(1 - n, n) % n
     repeats = np.bincount(every[np.ix_(lag, lag)].ravel()).astype(np.float64)
-    return Residues(of_lag, inner.count[of_lag < 0], size, repeats, transform)
+    return Residues(of_lag, inner.count[of_lag < 0], size, repeats)
 
 
-def residue_classes(n: int) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Class of each residue [n, n] under the symmetry of the square, residues in each [c], and the cosine transform
-    between classes [c, c].
-
-    Args:
-        n: dots along the unit's side.
-    """
+def residue_classes(n: int) -> tuple[NDArray[np.int64], Floats]:
+    """Class of each residue [n, n] under the symmetry of the square, and residues in each [c]."""
     folded = np.minimum(np.arange(n), n - np.arange(n))
     key = np.maximum(folded[:, None], folded) * n + np.minimum(folded[:, None], folded)
     _, every = np.unique(key, return_inverse=True)
     every = every.reshape(n, n)
-    size = np.bincount(every.ravel()).astype(np.float64)
-    heads = np.unique(every, return_index=True)[1]
-    cosine = np.cos(2 * np.pi * np.outer(np.arange(n), np.arange(n)) / n)
-    transform = np.empty((len(size), len(size)))
-    for row, head in enumerate(heads):
-        v, u = divmod(int(head), n)
-        # The mean over mirror images of a wave is a product of cosines.
-        transform[row] = np.bincount(every.ravel(), np.outer(cosine[v], cosine[u]).ravel())
-    return every, size, transform
+    return every, np.bincount(every.ravel()).astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +213,7 @@ class ResidueDual:
 
     @classmethod
     def of(cls, nodes: Floats, cost: Floats, classes: Residues, ratio: float, *, periodic: bool) -> ResidueDual:
-        """From the cost [m, k] of every lag; arguments as of :func:`residue_error`."""
+        """From nodes whose last is 1, and the cost [m, k] of every lag, lowered as in :func:`wiener_cost`."""
         free = classes.of_lag < 0
         short = cost[free]
         if len(short):
@@ -246,12 +227,10 @@ class ResidueDual:
             summed[0, :-1] = np.inf
         return cls(classes, ratio, nodes, short, summed)
 
-    def __call__(self, mean: float, within: float = 0.0, positivity: Floats | None = None) -> float:
-        """Its value at the multipliers μ, κ and [c] those of C's transform; no error is less."""
+    def __call__(self, mean: float, within: float = 0.0) -> float:
+        """Its value at the multipliers μ and κ; no error is less."""
         classes = self.classes
         price = mean * classes.size - within * classes.repeats
-        if positivity is not None:
-            price = price + positivity @ classes.transform
         far = (self.summed - price[:, None] * self.nodes).min(axis=1).sum()
         near = (self.short - (within * classes.short)[:, None] * self.nodes).min(axis=1).sum()
         return float(far + near + mean * self.target)
@@ -310,57 +289,3 @@ def residue_errors(
 def _least(duals: list[ResidueDual]) -> float:
     rough = [dual.of_mean() for dual in duals]
     return least_refined([value for value, _ in rough], lambda place: duals[place].refined(*rough[place])[0])
-
-
-def residue_error(
-    nodes: Floats,
-    cost: Floats,
-    classes: Residues,
-    ratio: float,
-    *,
-    periodic: bool,
-    refined: bool = False,
-    positive: bool = False,
-) -> float:
-    """The dual value: no C of mean ``ratio`` has a smaller E.
-
-    Args:
-        nodes: [k], of A/S, the last is 1.
-        cost: [m, k], lowered as in :func:`maskfab.designs.model.duals.wiener_cost`.
-        classes: for the tiling.
-        periodic: C(0) = 1.
-        refined: use that pairs within a cell number c² (turned at random only).
-        positive: use that C is positive semidefinite, by a linear programme whose multipliers are then checked.
-    """
-    dual = ResidueDual.of(nodes, cost, classes, ratio, periodic=periodic)
-    best, mean = dual.of_mean()
-    within = 0.0
-    if refined:
-        best, mean, within = dual.refined(best, mean)
-    if not positive:
-        return best
-    count, target = len(classes.size), dual.target
-    summed = dual.summed + (within * classes.repeats)[:, None] * nodes
-    finite = np.isfinite(summed)
-    row, node = np.nonzero(finite)
-    scale = float(summed[:, np.searchsorted(nodes, ratio)][1:].sum())
-    value = nodes[node]
-    equal = sparse.vstack(
-        [
-            sparse.csr_array((np.ones(len(row)), (row, np.arange(len(row)))), shape=(count, len(row))),
-            sparse.csr_array((classes.size[row] * value)[None]),
-        ]
-    )
-    solved = optimize.linprog(
-        summed[row, node] / scale,
-        A_ub=-classes.transform[:, row] * value,
-        b_ub=np.zeros(count),
-        A_eq=equal,
-        b_eq=np.r_[np.ones(count), target],
-        bounds=(0, None),
-        method="highs",
-    )
-    if not solved.success:
-        return best
-    positivity = np.maximum(-np.asarray(solved.ineqlin.marginals), 0) * scale
-    return max(best, dual(float(solved.eqlin.marginals[-1]) * scale, within, positivity))

@@ -266,7 +266,6 @@ def surrogate_behind(
     frequencies are used as they are.
 
     Args:
-        settings: of the photographs.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
     Raises:
@@ -276,11 +275,7 @@ def surrogate_behind(
 
 
 def surrogate_of(statistics: SceneStatistics, room: CellGrid, waves: Waves | None = None) -> Surrogate:
-    """The surrogate for the units of given cells, in light of a phase at the stop where there is one.
-
-    Raises:
-        JobError: MF104, MF115 as :meth:`maskfab.camera.stop_cells.CellGrid.turned`.
-    """
+    """The surrogate for the units of given cells, in light of a phase at the stop where there is one."""
     wavelength_nm = room.camera.middle_nm
     per_cycle = room.per_cycle(wavelength_nm)
     amplitude = None if waves is None else room.turned(waves)

@@ -22,10 +22,6 @@ at the grey panel of the same light.
 Notes:
     It says nothing of layouts that share light otherwise between cells, nor of what leaks in from the frame's edge.
     What sampling folds back is that of a grey panel, as everywhere here.
-    Of the 0.80, 0.52 and 0.35 dB between it and the map of ``layouts/display_that_fits.toml`` at 24, 32 and 40 dB, dots
-    packed towards the axis are 0.13 to 0.25, the third term 0.35 to 0.07; the rest is that lags may share their pairs
-    as no pupil can. Of two openings that share light unevenly (``layouts/display_density.toml``) it leaves 0.62, 0.40
-    and 0.33 dB. 130 tries in place of 36 for w leave 0.05, 0.04 and 0.00 dB less, in four times the time.
 """
 
 from __future__ import annotations
@@ -62,7 +58,6 @@ class LayoutGap:
     """A layout beside its bound, both far from the sensor's edge and with the best filter at each frequency.
 
     Attributes:
-        level_db: levels of light in dB.
         psnr: dB, expected behind the layout.
         limit: dB, no layout that passes as much light through every cell has a higher PSNR.
         head_room: dB, what at most could be gained over the layout.
@@ -126,7 +121,6 @@ class CellLight:
     """Light of every cell of a panel, and all of the bound that no weights change.
 
     Attributes:
-        room: the cells.
         lags: int64 [2, m], 0 <= y <= x, those of the weights.
         clear: int64 [cells, cells], clear dots of every cell inside the stop.
         reach: largest lag along an axis that has pairs inside the stop.
@@ -260,11 +254,7 @@ class CellLight:
 
 
 def layout_limit(inner: Interior, light: CellLight, level: float) -> float:
-    """dB that no layout of this light reaches, whatever filter within the protocol's ε is best at each frequency.
-
-    Args:
-        level: of light, dB.
-    """
+    """dB that no layout of this light reaches, whatever filter within the protocol's ε is best at each frequency."""
     dual = _Dual.of(inner, light, level)
     return inner.decibels(level, dual(dual.best_bend(), sharp=True))
 
@@ -274,10 +264,8 @@ class _Dual:
     """The dual function at one level.
 
     Attributes:
-        nodes: [k], of A/S.
         cost: [m, k], as :func:`maskfab.designs.model.duals.wiener_cost` gives it; at lag 0 its least.
         unit: [m], A by A/S, summed over the images of a lag; 0 at lag 0.
-        slope: [m], w at the grey panel.
         bends: [b, m], what the logarithm of w may differ by.
     """
 

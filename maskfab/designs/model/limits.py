@@ -45,7 +45,6 @@ class Rings:
     """Lags 0 <= y <= x up to half a cycle per pixel, and the open stop's MTF at them.
 
     Attributes:
-        dots: along the unit's side.
         lags: int64 [2, m], y and x in dots.
         ring: int64 [m], length of each lag, rounded.
         clear: [m], the open stop's autocorrelation times the pixel's sinc.
@@ -108,7 +107,7 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
     """
     n, count = around.dots, around.count
     y, x = around.lags
-    every, size, _ = residue_classes(n)
+    every, size = residue_classes(n)
     classes = len(size)
     far = np.full(len(y), True) if periodic else np.maximum(y, x) >= n
     # Of the lags of one ring and one residue only the faintest can be the least.
@@ -191,7 +190,6 @@ class Bounds:
 
     Attributes:
         level_db: levels of light in dB.
-        clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
         psnr: dB, no unit tiled so has a higher expected interior PSNR.
         grey: dB, a neutral filter that passes as much light, which is also the open stop exposed as briefly.
@@ -237,7 +235,6 @@ def bounds(
     """Bounds for units of the surrogate's size, its scenes and its camera.
 
     Args:
-        estimate: of the scenes.
         levels: of light; None for the surrogate's own.
 
     Raises:
@@ -269,11 +266,7 @@ def optimality_gap(estimate: Surrogate, unit: NDArray[np.bool_], limit: Bounds) 
     """A unit, bool [dots, dots], beside the bounds of its clear count."""
     reached = interior(estimate).of_unit(unit, periodic=limit.periodic, levels=limit.level_db)
     area = rings(estimate.dots, room=estimate.lattice).of_unit(unit, periodic=limit.periodic)
-    return Gap(limit, reached, _room(limit.psnr, reached), area)
-
-
-def _room(most: tuple[float, ...], have: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(max(0.0, a - b) for a, b in zip(most, have, strict=True))
+    return Gap(limit, reached, tuple(max(0.0, a - b) for a, b in zip(limit.psnr, reached, strict=True)), area)
 
 
 def _smaller_stop(inner: Interior, ratio: float) -> Floats:

@@ -68,7 +68,6 @@ class PupilError(PanelError):
     Attributes:
         size: points of the transforms along each side; no lag wraps.
         reach: largest whole lag that is asked for.
-        levels: of light, dB.
         weights: of the levels in the loss; they sum to 1.
         cycle: M, whole and odd: frequencies are multiples of 1 / M cycles per pixel.
         stretch: for each of these from 0 on, the whole lag below it and how far it lies beyond; None where all are
@@ -206,10 +205,7 @@ class PupilError(PanelError):
         return torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1)
 
     def _table(self, pupil: Mask | Floats) -> tuple[torch.Tensor, Singles]:
-        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
-
-        In single precision, and with the transform kept for the slope; else as in camera.transfer.
-        """
+        """The pupil's transform, for the slope, and its autocorrelation at lags (y, x) of the upper half plane."""
         size, reach = self.size, self.reach
         lines = torch.fft.rfft(torch.from_numpy(pupil.astype(np.float32)), n=size, dim=1)
         spectrum = torch.fft.fft(lines, n=size, dim=0)

@@ -46,7 +46,6 @@ class PanelError(ABC):
     """Judgement of panels of cells, by which maps are designed.
 
     Attributes:
-        levels: of light, dB.
         weights: of the levels in the loss; they sum to 1.
     """
 

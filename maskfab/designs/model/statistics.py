@@ -274,10 +274,7 @@ def _scales(scenes: Sequence[Photograph]) -> Floats:
 
 
 def _mixed(scenes: Sequence[Photograph], most: int) -> list[Floats]:
-    """At most so many pictures that leak as much as all: sums with random signs, over the root of their number.
-
-    The leak is a square of something linear in the picture, so products of different scenes cancel on average.
-    """
+    """At most so many pictures that leak as much as all: randomly signed sums over the root of their number."""
     green = np.stack([s.values[1] for s in scenes]).astype(np.float64)
     if len(scenes) <= most:
         return list(green)

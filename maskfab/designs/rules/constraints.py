@@ -45,7 +45,6 @@ class Constraints:
 
     Attributes:
         clear_dots: exact number of clear dots in a cell.
-        dots: along the cell's side.
         gutter_nm: opaque space between cells, outside the dots.
         orientations: elements of D4 in use; any two may be neighbours.
         asked: values of the rules that ask for something.

@@ -285,7 +285,6 @@ class Footprints:
     """Largest footprints behind openings of one grid, and a bound on them.
 
     Attributes:
-        dots: along the cell's side.
         orientations: elements of D4 in use; any two may be neighbours.
 
     Raises:
@@ -589,7 +588,6 @@ class DieFit:
         side_um: of these pixels together.
         seed: of the die that the display fits; None if it fits none.
         failed: why it does not fit dies of other seeds, by seed, as they were tried.
-        seconds: of processor that the check took.
     """
 
     across: int

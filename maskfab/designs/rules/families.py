@@ -33,7 +33,6 @@ def orbits(dots: int, symmetry: Symmetry | None) -> tuple[NDArray[np.intp], ...]
     """Dots that a symmetry maps onto each other, as flat indices, in order of their first.
 
     Args:
-        dots: along a side.
         symmetry: ``d4`` all eight elements, ``mirror`` left to right, ``rot180`` half a turn; None leaves each alone.
 
     Raises:
@@ -99,7 +98,6 @@ def discs(
     rings and several discs that mirror each other.
 
     Args:
-        dots: along a side of the cell.
         free: bool [dots, dots], where dots may be clear; None is everywhere.
 
     Raises:
@@ -162,7 +160,6 @@ def scattered_blobs(
 
     Args:
         clear_dots: of all blobs together; where it is no multiple of ``count``, the first ones have a dot more.
-        seed: of the draw.
         most: sets of places to draw; those that touch or were drawn before are left out.
 
     Raises:

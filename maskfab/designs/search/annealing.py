@@ -74,9 +74,7 @@ class ExpectedPsnr:
     """Weighted mean of the surrogate's restored PSNR over levels, in dB.
 
     Attributes:
-        surrogate: for the cells' number of dots.
         periodic: whether all cells are laid alike.
-        levels: signal-to-noise ratios in dB.
         weights: of the levels; equal if empty.
         distances: surrogates in whose place the mean over them counts; none for the one alone.
 
@@ -128,7 +126,6 @@ class Scan:
         ranked: everything evaluated, the best first; equals in the order in which they came.
         refused: how many candidates broke each rule first.
         repeated: candidates that had been seen, in this or another orientation.
-        complete: whether no budget ran out.
         bettered: how often it had been asked when the best was bettered, and by what value, each time.
     """
 
@@ -176,7 +173,6 @@ def scan(
         candidates: from :mod:`maskfab.designs.rules.families`, in the order in which they are looked at; drawn as
             they are needed. In a list, progress knows how many there are.
         objective: pure, so that other processes may ask it.
-        constraints: what all must keep.
         turned_alike: evaluate only the first of those that one of the eight orientations maps onto each other; for
             objectives and constraints to which these are the same, as in a random tiling.
         evaluations: most of them; None has no limit.
@@ -185,7 +181,6 @@ def scan(
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
             keeps them.
-        InternalError: MF901 if the objective is not a number.
     """
     constraints.require_possible()
     expected = len(candidates) if isinstance(candidates, Sized) else 0
@@ -353,7 +348,6 @@ def anneal(
         objective: higher is better.
         evaluations: of the whole annealing; they set the pace at which it cools.
         seed: of the walk; not looked at when it goes on.
-        moves: kinds, drawn with equal chance.
         temperature: first and last, in the objective's unit.
         until: stop after so many evaluations, to go on later.
         clock: stop when it is over, at a multiple of 64 evaluations, to go on later.
@@ -362,7 +356,6 @@ def anneal(
     Raises:
         OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 for a start that
             breaks them, MF105 for no or other moves, MF104 for temperatures that are not positive and falling.
-        InternalError: MF901 if the objective is not a number.
     """
     _check(moves, temperature, evaluations)
     constraints.require_possible()

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from maskfab.base.arrays import Labels, Mask
-from maskfab.base.model import Panel
 from maskfab.designs.rules.display_fit import Display
 from maskfab.display.emitter_rules import Certificate
 from maskfab.display.panel_lines import AXES, panel_cut
@@ -63,9 +62,6 @@ class Guard:
         wires = self.display.rules.wires
         if wires is None:
             return None
-        panel = self._panel(cells)
+        panel = self.display.panel(self.unit, self.dot_nm, np.pad(cells, _MARGIN))
         cuts = (panel_cut(panel, wires.rules, self.display.opaque_lines, axis) for axis in AXES)
         return next((cut for cut in cuts if cut is not None), None)
-
-    def _panel(self, cells: Labels) -> Panel:
-        return self.display.panel(self.unit, self.dot_nm, np.pad(cells, _MARGIN))

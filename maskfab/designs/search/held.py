@@ -182,7 +182,6 @@ def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _K
     """Shapes that were left out, near the best place of each of the best kinds that were judged.
 
     Args:
-        shapes: before they were thinned.
         judged: those that were left, the best first.
     """
     best: dict[str, tuple[int, int]] = {}
@@ -387,7 +386,6 @@ def best_held(ranked: Sequence[Ranked], start: Start, value: float, most: int, c
     Args:
         ranked: judged openings, the best first.
         start: of the search; its first opening is one of them.
-        clock: ends the walk.
     """
     first = Ranked(start.first.name, start.first.unit, value)
     found = {kind(first.name, first.unit): first}

@@ -97,12 +97,7 @@ def _counted(kernel: Mask, unit: Mask, constraints: Constraints) -> Mask | None:
 
 
 def _strips(inside: Mask, wanted: Mask, most: int) -> list[Indices]:
-    """Flat indices of runs outside along an edge of what is inside, of at most so many dots, those wanted most first.
-
-    Args:
-        inside: bool [dots, dots].
-        wanted: dots that should rather change.
-    """
+    """Flat indices of runs outside along an edge of ``inside``, of at most so many dots, those wanted most first."""
     dots = len(inside)
     places = np.arange(dots * dots).reshape(dots, dots)
     found: list[tuple[float, int, NDArray[np.intp]]] = []

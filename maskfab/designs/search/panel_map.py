@@ -59,7 +59,6 @@ class Mapped:
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as much light in every cell can gain over the map; None without one,
             for groups, over several distances, of many dots, and where the budget leaves no time for bounds.
-        cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
     """
 

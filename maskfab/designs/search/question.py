@@ -173,7 +173,6 @@ class Prepared:
     Attributes:
         section, rules: as the search goes on with them.
         room: the cells before the stop.
-        judges: of openings.
         map_judges: of panels, by the scenes that maps are designed on.
         panel: the judge of panels; None where no map is asked for.
         start: the first opening that the display fits; None where none is sought.
@@ -275,11 +274,7 @@ def _stages(
     start: Start | None,
     clock: Clock,
 ) -> tuple[Stages, DieLook | None]:
-    """Clocks of the stages of a design, and the look at a die that ends it, if a display must fit one.
-
-    Raises:
-        JobError: MF150 as :meth:`maskfab.designs.search.result.Stages.of`.
-    """
+    """Clocks of the stages of a design, and the look at a die that ends it, if a display must fit one."""
     unit = first_shape(section)
     first = unit if start is None else start.first.unit
     look = None if display is None else DieLook.of(display, clock, first, rules.dot_nm)

@@ -105,12 +105,10 @@ class Designed:
         prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise, and
             of rules of the eye where there is a budget.
         cells: the designed map; None if none was asked for.
-        designed: how that went.
         map_head_room: by level, dB that no layout of as much light in every cell can gain over the map, far from the
             picture's edge; None without a map, for one of groups, of several distances or of many dots, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
-        levels: of light, dB.
         robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
             and for a descent.
         fit: of the display on a die; None where none must be held.
@@ -152,8 +150,6 @@ class SceneDesign:
     """A design in the conditions of its scene.
 
     Attributes:
-        seen: the conditions.
-        panel: appraised in them.
         random: the same panel with its cells turned at random; None without a map of one opening.
     """
 
@@ -171,7 +167,6 @@ class Account:
         value: what the values of ``bettered`` are, with their unit; empty where there are none.
         bettered: evaluations made when the best value was bettered, and that value.
         tiling, tiling_seed: of the panel; with a map, of the cells that it does not design.
-        budget_s: seconds; None without a budget.
         priced_among: openings among which the rules are priced.
         without: gain in dB of searches once more without each rule over the best found, by the rule left out, 0 or
             more, and the seconds of processor that they took; None where these were not asked for, or are not made.
@@ -284,7 +279,6 @@ class Stages:
     Attributes:
         search: of scan, annealing, shortlist or descent.
         bounded: whether there is time for bounds, appraisals and alternatives.
-        bounds_s: seconds that they take.
     """
 
     search: Clock
@@ -306,9 +300,7 @@ class Stages:
         """Clocks by the time that judging one opening takes.
 
         Args:
-            judge: of openings.
             unit: one of them, bool [dots, dots].
-            fitted: whether a display must fit.
             die_s: seconds of the look at a die, as they were measured.
 
         Raises:
@@ -503,7 +495,6 @@ def alternatives(
     """Openings of other kinds than the chosen one, or of its kind with another rim, no more than 0.1 dB below it.
 
     Args:
-        chosen: with its value.
         visited: openings that were judged by the same objective, whether or not they keep the rules.
         moved: decibels, mean over the levels, by which a bias moves an opening's PSNR; None where that is not judged.
     """

@@ -66,7 +66,6 @@ class Best:
     Attributes:
         best: keeps the rules; its name says where it came from.
         looked: openings among which the rules are priced; empty where they are not judged in dB.
-        cut: the budget cut it short.
         near: openings judged that lie within reach of the best, whether or not they keep the rules; empty where
             ``looked`` is.
         bettered: evaluations made when the best that was judged was bettered, and its value; of a scan, whether or not
@@ -118,11 +117,7 @@ def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_
 
 
 def first_shape(section: SearchSection) -> Mask:
-    """The first shape that the section's families have, whatever its rules.
-
-    Raises:
-        OpeningError: MF204 for a count that the family cannot have.
-    """
+    """The first shape that the section's families have, whatever its rules; MF204 for a count that none can have."""
     return next(FAMILIES[section.families[0]](section.dots, section.clear_dots)).unit
 
 
@@ -398,7 +393,6 @@ def reduced_opening(
 
     Args:
         opening: what to reduce; its emitters are left out, as they may lie where there was light.
-        command: for the provenance.
         periodic: whether all cells are laid alike; otherwise each is turned at random.
 
     Raises:

@@ -16,7 +16,7 @@ import numpy as np
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
-from maskfab.base.work import Clock, Progress
+from maskfab.base.work import Progress
 from maskfab.camera.stop_cells import FEWEST_CELLS, CellGrid
 from maskfab.designs.maps.orientation_map import MapMode
 from maskfab.designs.model.appraisal import (
@@ -32,7 +32,7 @@ from maskfab.designs.model.appraisal import (
 )
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
-from maskfab.designs.search.annealing import ExpectedPsnr, Objective, Ranked
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
 from maskfab.designs.search.die_look import DieLook
 from maskfab.designs.search.panel_map import Mapped, mapped, named
 from maskfab.designs.search.question import (
@@ -49,7 +49,6 @@ from maskfab.designs.search.result import (
     Alternatives,
     Designed,
     Facts,
-    Prices,
     SceneDesign,
     alternatives,
     appraised,
@@ -125,7 +124,9 @@ def _designed(
     """Appraise what was found, as far as there is time, and put it together."""
     question, section, expected = ready.question, ready.section, ready.judges.expected
     clock, levels, errors = question.clock, question.settings.levels, ready.map_judges
-    priced = _priced(state, expected, rules, clock)
+    # Costs of the eye's rules take half a second for each opening, which no budget leaves.
+    dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
+    priced = prices(state.looked, expected, rules) if state.looked and not dear else None
     psnr, appraisal, head_room, gap, notes = laid.psnr, Facts(), None, None, (*state.notes, *laid.notes)
     short = not ready.stages.bounded or not clock.affords(ready.stages.bounds_s)
     if psnr is None and short:
@@ -180,19 +181,8 @@ def _designed(
     )
 
 
-def _priced(state: Best, judge: Objective, rules: Constraints, clock: Clock) -> Prices | None:
-    """Costs of the rules among openings that were looked at in dB; those of the eye take half a second for each, which
-    no budget leaves."""
-    dear = clock.budget_s is not None and not {"grain", "delta_e"}.isdisjoint(rules.active)
-    return prices(state.looked, judge, rules) if state.looked and not dear else None
-
-
 def _first_that_fits(ready: Prepared, listed: Sequence[Listed]) -> tuple[Listed, Mapped, DieFit | None]:
-    """The first of a list whose panel holds the display on a die, if one must; only guarded maps may fail to.
-
-    Raises:
-        JobError: MF123 where none does.
-    """
+    """The first of a list whose panel holds the display on a die, if one must; MF123 where none does."""
     alike = (replace(one, alike=True) for one in listed if one.guard is not None)
     for chosen in (*listed, *alike):
         laid = mapped(ready, chosen)
@@ -299,11 +289,7 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
 
 
 def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
-    """Appraise a panel in every condition.
-
-    Raises:
-        JobError: as :func:`maskfab.designs.model.appraisal.appraise_over`.
-    """
+    """Appraise a panel in every condition."""
     errors = judges.by_distance or (judges.in_focus,)
     seed, across = map_seed(section), cells_across(seen.camera, seen.scene, judges.room)
 

@@ -90,7 +90,6 @@ def shortlisted(
         error: of panels of such units; the levels weigh in it as they do in the scan.
         clock: no further map is begun or compared when its time is over.
         judge: of openings whose cells are turned at random.
-        mode, seed, positions: of :func:`maskfab.designs.maps.orientation_map.design_map`.
         start: of a search for a display; None for any other.
 
     Raises:

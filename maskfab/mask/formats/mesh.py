@@ -65,12 +65,7 @@ _AT_ONCE = 1 << 24
 
 
 class _Run:
-    """Elements of one kind in a 3MF, each on a line of its own.
-
-    Args:
-        line: one, its numbers left out.
-        digits: that numbers may have.
-    """
+    """Elements of one kind in a 3MF, each on a line of its own."""
 
     def __init__(self, line: bytes, name: bytes, kind: type[np.generic], digits: bytes) -> None:
         self.line, self.kind, self.digits = line, kind, digits
@@ -253,11 +248,7 @@ def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
 
 
 def _surface(alpha: float) -> dict[str, Any]:
-    """Appearance of glass and chrome: the same, so that it does not show which of the two a viewer takes to be nearer.
-
-    They lie 100 nm apart, less than the depth buffer of most viewers resolves for a whole die, which mottles the chrome
-    with any other colour of glass. Matt and without metal they stay dark where a light shines back at the camera.
-    """
+    """Appearance of glass and chrome: the same, matt, as viewers cannot resolve the 100 nm by which one lies nearer."""
     return {"baseColorFactor": [*_DARK, alpha], "metallicFactor": 0, "roughnessFactor": 0.7}
 
 
@@ -343,11 +334,7 @@ def _by_trimesh(path: Path) -> _Scene:
 
 
 def _plain_3mf(path: Path) -> _Scene | None:
-    """A 3MF whose meshes are nothing but plain elements, a line each; None of any other.
-
-    A tree of all elements would take forty times the memory of what they say: their lines are compared with those of
-    plain elements, digits left out, and only what stands about them is read as XML.
-    """
+    """A 3MF of only plain elements, a line each, read without a tree of forty times the memory; else None."""
     from lxml import etree
 
     with zipfile.ZipFile(path) as package:

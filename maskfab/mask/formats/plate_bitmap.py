@@ -73,11 +73,7 @@ def bmp_bytes(plate: Plate, dpi: int) -> int:
 
 
 def check_plate_bitmap(plate: Plate, kind: PlateBitmap, dpi: int, name: str) -> int:
-    """Refuse a bitmap of a plate that would be larger than its format can tell; the bytes that it may have at most.
-
-    Raises:
-        OutputError: MF415.
-    """
+    """Refuse a plate's bitmap larger than its format can tell (MF415); the bytes that it may have at most."""
     most = largest_tiff_bytes(plate, dpi) if kind == "plate_tiff" else bmp_bytes(plate, dpi)
     cure = "Plot at fewer dots per inch, or send polygons; houses take no BigTIFF, and BMP has no larger form"
     check_file_size(most, MOST_BYTES, Path(name), cure)
@@ -382,11 +378,7 @@ _MOST_PRODUCT = 2.0**62
 
 
 def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
-    """Refuse dots that are larger than the smallest feature of a die, for they would lose openings.
-
-    Raises:
-        JobError: MF104.
-    """
+    """Refuse dots that are larger than the smallest feature of a die, for they would lose openings (MF104)."""
     dot = NM_PER_INCH / dpi
     smallest, name = min(((smallest_nm(die, dot), die.name) for die in dies), default=(dot, ""))
     if dot > smallest * (1 + _ROUNDING):
@@ -447,12 +439,7 @@ def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int,
 
 @dataclass(frozen=True, eq=False)
 class _Dots:
-    """Dots of polygons.
-
-    Attributes:
-        blocks: int64 [n, 4] of the lowest row, the one above the highest, the first dot and the one beyond the last.
-        half: of the side of the writable area, in nanometres.
-    """
+    """Dots of polygons: int64 [n, 4], rows and dots from first to beyond the last, and half the writable side, nm."""
 
     blocks: Ints
     grid: DotGrid

@@ -116,11 +116,7 @@ def check_solid_size(die: Die, kind: str, most_vertices: int, most_cells: int) -
 
 
 def check_mesh_size(die: Die, kind: str) -> None:
-    """As :func:`check_solid_size`, of a mesh, which repeats the outlines of every cell.
-
-    Raises:
-        OutputError: MF410 if a cell has no chrome at all; MF412 for more than :data:`MOST_MESH_VERTICES`.
-    """
+    """As :func:`check_solid_size`, of up to :data:`MOST_MESH_VERTICES`: a mesh repeats the outlines of every cell."""
     _check_chrome(die, kind)
     vertices = mesh_vertices(die.panel)
     if vertices > MOST_MESH_VERTICES:
@@ -338,10 +334,7 @@ def triangulated(contours: Sequence[Polygon], turn: _Turn) -> Ints:
 
 
 def _delaunay(points: Ints, triangles: Ints, turn: _Turn) -> Ints:
-    """The triangles, diagonals turned until no corner lies in the circle of a neighbour.
-
-    That makes the least angle as large as it can be (C. L. Lawson, Software for C1 surface interpolation, 1977).
-    """
+    """The triangles, diagonals turned until no corner lies in a neighbour's circle (C. L. Lawson, 1977)."""
     start, end, number = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel(), np.arange(triangles.size)
     sides, turned = start * len(points) + end, end * len(points) + start
     order = np.argsort(sides)
@@ -385,14 +378,7 @@ def _compiled() -> _Turn:
 
 
 def _turn(x: Any, y: Any, start: Any, following: Any, twin: Any, triangle: Any, first: Any) -> None:
-    """Turn diagonals, the last side first, and after each turn the four sides about it.
-
-    Args:
-        start: corner that each side starts from.
-        following: side that comes after each in its triangle.
-        twin: the same side in the neighbour; -1 for none.
-        first: side of each triangle that its corners are told from.
-    """
+    """Turn diagonals, the last side first, and after each turn the four sides about it."""
     turns = [0] * len(start)
     waiting = [(0, 0)]
     waiting.pop()

@@ -57,11 +57,7 @@ def damaged(path: Path, why: object) -> SourceError:
 
 
 def check_reach(path: Path, *lengths_nm: Floats) -> None:
-    """Refuse coordinates that no plate has, which arithmetic on them could only turn into warnings.
-
-    Raises:
-        SourceError: MF303 for one that is not finite or farther than 10 m away.
-    """
+    """Refuse coordinates that are not finite or farther than 10 m away (MF303), before arithmetic on them warns."""
     for values in lengths_nm:
         farthest = float(np.abs(values).max(initial=0.0))
         if not farthest <= _FARTHEST_NM:
@@ -266,8 +262,7 @@ def _off_lines(edges: Floats, grid: Sequence[Floats], leg: int) -> float:
 def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[Mask, float]:
     """Which dots and gutters of a cell a film covers whole, bool [y, x], and how far its vertices are off (nm).
 
-    Only triangles of the upper face count. A dot that is covered in part is neither: the film is then reported as
-    covering the opposite of what the dot's middle shows, so that it matches no opening.
+    A dot covered in part is reported as the opposite of what its middle shows, so that it matches no opening.
     """
     panel = die.panel
     lines, half = panel.cell_size.edges_nm.astype(np.float64) - panel.pitch_nm / 2, stack.film_nm / 2

@@ -49,7 +49,6 @@ class Shade:
 
     Attributes:
         rgb: red, green and blue, 0 to 1.
-        transparency: 0 is opaque.
     """
 
     rgb: tuple[float, float, float]
@@ -294,10 +293,7 @@ def _box(size_nm: Floats, low_nm: Floats | None = None) -> Any:
 
 
 def _film(panel: Panel, opening: int, stack: Stack) -> Any:
-    """A box less the prisms of the openings.
-
-    Not a prism of the film's face: where holes touch by a corner that passes every check, but not once it is read back.
-    """
+    """A box less the prisms of the openings; a prism of the film's face fails where holes touch by a corner."""
     from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakePolygon
     from OCP.BRepPrimAPI import BRepPrimAPI_MakePrism
@@ -331,11 +327,7 @@ _SOLID_CHROME, _SOLID_GLASS = (*solid.CHROME_RGB, 1.0), (*solid.GLASS_RGB, solid
 
 
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
-    """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement.
-
-    Raises:
-        OutputError: MF410 or MF412 as :func:`maskfab.mask.formats.solid.check_solid_size`.
-    """
+    """A die as an assembly: ``GLASS``, and the film of each cell, ``R0C0`` onwards, under its rigid placement."""
     stack = stack or Stack()
     solid.check_solid_size(die, "cadquery assembly", solid.MOST_CAD_VERTICES, solid.MOST_CAD_CELLS)
     import cadquery

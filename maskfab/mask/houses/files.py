@@ -47,7 +47,6 @@ class EdgeError:
     """Errors of the edges along x and y of a die, or of marks.
 
     Attributes:
-        die: its name; None for marks.
         judged: whether its widths count: those of dies and CD structures, and not of letters, codes and test figures.
         rms_um: root of the mean square, each edge by its length.
     """

@@ -442,11 +442,7 @@ def _biased_clear(figures: Figures) -> db.Region:
 def _worst(
     plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | None, biased: db.Region | None
 ) -> tuple[float, str] | None:
-    """The narrowest place in micrometres, and where; None where nothing is too narrow.
-
-    Corners that kiss are a rule of their own. Test figures and codes are fine on purpose. Of ``biased`` data no panel
-    tells.
-    """
+    """The narrowest place, µm, and where, kisses and test figures aside; None where nothing is too narrow."""
     marks = tuple(mark for mark in plate.marks if mark.kind not in FINE_ON_PURPOSE)
     coarse = replace(plate, marks=marks)
     if biased is not None:

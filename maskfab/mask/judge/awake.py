@@ -15,7 +15,7 @@ from klayout import db
 
 from maskfab.base.model import Quantity
 from maskfab.mask.judge.displays import LAYERS as OF_DISPLAY
-from maskfab.mask.judge.marks import Code, Line, Mark
+from maskfab.mask.judge.marks import Code
 from maskfab.mask.judge.verdict import LAYERS, Asked, judged, line_box
 
 _CLEAR, _CUT, _CHROME = LAYERS
@@ -117,7 +117,7 @@ def _faults(plate: Asked) -> Iterator[_Fault]:
     """Faults that a plate of one die has room for."""
     die, half = plate.dies[0], plate.bias // 2
     if (place := _turning(plate)) is not None:
-        yield _Fault("a cell turned", _turned(db.Box(*place)), "judged_die")
+        yield _Fault("a cell turned", _turned(db.Box(*place), db.Trans.R90), "judged_die")
     ends = np.argwhere(die.clear[:, :-1] & ~die.clear[:, 1:])
     if len(ends):
         row, column = ends[len(ends) // 2]
@@ -127,13 +127,13 @@ def _faults(plate: Asked) -> Iterator[_Fault]:
     for layer in [layer for display in plate.displays for layer in display.shown][:1]:
         what = "a wire" if layer not in ("RED", "GREEN", "BLUE") else "an emitter"
         yield _Fault(f"{what} moved by 1 nm", _display_moved(layer), "judged_display", layer)
-    for mark in _first(plate.marks, lambda mark: mark.name == "PARITY"):
+    for mark in [mark for mark in plate.marks if mark.name == "PARITY"][:1]:
         box = db.Box(*(int(side) for side in mark.box)).enlarged(abs(half) + 1, abs(half) + 1)
-        yield _Fault(f"{mark.name} mirrored", _mirrored(box), "judged_marks", mark.name)
+        yield _Fault(f"{mark.name} mirrored", _turned(box, db.Trans.M90), "judged_marks", mark.name)
     for code in plate.codes:
         yield _Fault("a module of the code flipped", _toggled(_module(code, plate)), "judged_text", code.name)
     for line in plate.lines[:1]:
-        box = db.Box(*line_box(_one_letter(line), plate))
+        box = db.Box(*line_box(replace(line, text=line.text[:1]), plate))
         yield _Fault(f"a letter of {line.name} blotted", _blotted(box, dark=plate.dark), "judged_text", line.name)
 
 
@@ -148,10 +148,6 @@ def _display_moved(layer: str) -> Callable[[db.Layout], None]:
         shapes.insert(moved)
 
     return changed
-
-
-def _first(marks: Sequence[Mark], which: Callable[[Mark], bool]) -> tuple[Mark, ...]:
-    return tuple(mark for mark in marks if which(mark))[:1]
 
 
 def _turning(plate: Asked) -> tuple[int, int, int, int] | None:
@@ -176,10 +172,6 @@ def _module(code: Code, plate: Asked) -> db.Box:
     return db.Box(int(ends.min()), y + side // 4, int(ends.max()), y + side - side // 4)
 
 
-def _one_letter(line: Line) -> Line:
-    return replace(line, text=line.text[:1])
-
-
 def _toggled(box: db.Box) -> Callable[[db.Layout], None]:
     return _changed(box, lambda inside: inside ^ db.Region(box))
 
@@ -188,18 +180,11 @@ def _blotted(box: db.Box, *, dark: bool) -> Callable[[db.Layout], None]:
     return _changed(box, lambda inside: db.Region(box) if dark else db.Region())
 
 
-def _turned(box: db.Box) -> Callable[[db.Layout], None]:
-    return _changed(box, lambda inside: _moved(inside, db.Trans(db.Trans.R90, 0, 0), box))
-
-
-def _mirrored(box: db.Box) -> Callable[[db.Layout], None]:
-    return _changed(box, lambda inside: _moved(inside, db.Trans(db.Trans.M90, 0, 0), box))
-
-
-def _moved(shapes: db.Region, turn: db.Trans, box: db.Box) -> db.Region:
-    """Shapes of a box, turned, and put back into it."""
+def _turned(box: db.Box, how: int) -> Callable[[db.Layout], None]:
+    """Shapes of a box turned or mirrored, and put back into it."""
+    turn = db.Trans(how, 0, 0)
     ends = db.Region(box).transformed(turn).bbox()
-    return shapes.transformed(turn).moved(box.left - ends.left, box.bottom - ends.bottom)
+    return _changed(box, lambda inside: inside.transformed(turn).moved(box.left - ends.left, box.bottom - ends.bottom))
 
 
 def _changed(box: db.Box, change: Callable[[db.Region], db.Region]) -> Callable[[db.Layout], None]:

@@ -217,12 +217,9 @@ def figures(layout: db.Layout, *layers: db.LayerInfo) -> Iterator[tuple[db.Layer
 
 
 def _placements(layout: db.Layout, cells: Sequence[db.Cell]) -> list[tuple[int, Ints, Ints]] | None:
-    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells.
+    """Number, turn, int64 [2, 2], and displacements in the top cell, int64 [n, 2], of cells; None if one is slanted.
 
-    None if one is scaled or slanted.
-
-    They are those of edges that are put into the cells for a moment, from the origin to the right by twice the cell's
-    number from 1, and upwards by the number. KLayout turns the edges of mirrored cells round.
+    Edges put into the cells for a moment tell them: right by twice the cell's number from 1, up by the number.
     """
     if any(instance.is_complex() for cell in layout.each_cell() for instance in cell.each_inst()):
         return None
@@ -299,7 +296,6 @@ class AskedDie:
     """A die as the job asks for it.
 
     Attributes:
-        label: text under it.
         centre: of its slot, nanometres.
         slot: side of it.
         turns: int64 [rows, columns], of every cell.

@@ -63,8 +63,6 @@ class Answer:
 
     Attributes:
         emitters: labels 1 to 3 on square cells; None where none were found.
-        circuits: boxes.
-        tracks: wires of every pixel.
         laid: wires across the die by the axis that they run along: middles from the die's lower left corner.
         found: which of emitters, circuits and wires were found as the job asks for them.
     """

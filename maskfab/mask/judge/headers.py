@@ -50,7 +50,8 @@ def header_row(path: Path, stated: Stated) -> Quantity:
     """The row of a report on one file's header."""
     with path.open("rb") as file:
         head = file.read(_LOOKED_AT)
-    wrong = [*_remarks(head, stated), *_OF_KIND.get(path.suffix.lower(), _nothing)(head, path, stated)]
+    of_kind = _OF_KIND.get(path.suffix.lower())
+    wrong = [*_remarks(head, stated), *(of_kind(head, path, stated) if of_kind else ())]
     said = "".join(f"; {sentence}" for sentence in wrong)
     method = f"{path.name}: units, extents and remarks as its bytes have them{said}"
     return Quantity("judged_headers", len(wrong), method, limit=0, passed=not wrong)
@@ -67,10 +68,6 @@ def _remarks(head: bytes, stated: Stated) -> Iterator[str]:
     for said in dict.fromkeys(_JOB.findall(text)):
         if said != stated.digest[: len(said)]:
             yield f"is signed with the job {said}, not {stated.digest[: len(said)]}"
-
-
-def _nothing(_head: bytes, _path: Path, _stated: Stated) -> Iterator[str]:
-    yield from ()
 
 
 def _gdsii(head: bytes, _path: Path, _stated: Stated) -> Iterator[str]:

@@ -63,11 +63,7 @@ def read(seen: Mask) -> str:
 
 
 def drawing(text: str) -> Mask:
-    """The :func:`points` of a line of text that should be clear.
-
-    Raises:
-        KeyError: for a character that is no letter of the plate's.
-    """
+    """The :func:`points` of a line of text that should be clear; KeyError for a letter that the plate has not."""
     return np.concatenate([_figure(letter) for letter in text.upper()], axis=1)
 
 
@@ -183,7 +179,6 @@ class Line:
 
     Attributes:
         name: of the mark that it belongs to.
-        text: as it should read.
         left: where the cell of the first letter begins, nanometres.
         base: on which letters stand.
         step: a 28th of their height.

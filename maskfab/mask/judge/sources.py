@@ -38,7 +38,6 @@ class Sources:
         dark: whether polygons are chrome.
         mirror: whether the data are the design's mirror image.
         bias: by which clear widths of the data are narrower, nanometres.
-        digest: SHA-256 of the resolved job.
     """
 
     openings: tuple[tuple[Ints, ...], ...]

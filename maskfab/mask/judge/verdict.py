@@ -65,7 +65,6 @@ class Asked:
         dies: with their lines as they lie on the plate.
         lines: of text, before the plate is mirrored.
         writable: side of the writable area, nanometres.
-        mirror: whether left and right are exchanged.
         grids: to which marks have been moved, in that order, nanometres.
         dark: whether the data are the chrome of the writable area.
         bias: by which clear widths of the data are narrower, nanometres.

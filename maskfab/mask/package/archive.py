@@ -101,7 +101,6 @@ class Wrapping:
     """Everything of a package but its files.
 
     Attributes:
-        folder: that its files unpack into.
         strange: each part that belongs to no file, in words.
         strange_bytes: length of these parts.
     """

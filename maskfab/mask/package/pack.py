@@ -367,11 +367,7 @@ def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
 
 
 def _packed_job(folder: Path, package: Path) -> Job:
-    """The job that a package holds; it may read no file beyond itself.
-
-    Raises:
-        InputError: MF105 if there is none, or one that names other files; whatever :func:`load` refuses.
-    """
+    """The job that a package holds; MF105 if there is none, or one that reads files beyond itself."""
     path = folder / JOB_COPY
     if not path.is_file():
         what = f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything"
@@ -535,11 +531,7 @@ Reading: TypeAlias = tuple[Box | None, tuple[Finding, ...]]
 
 @dataclass(frozen=True, eq=False)
 class _Files:
-    """Files that were written and read back, each once, however many houses are sent it.
-
-    The openings are compared dot by dot in the first alone: they are the same in all, and so is the design with which
-    every file is compared.
-    """
+    """Files that were written and read back, each once; openings are compared in the first, the same in all."""
 
     spec: JobSpec
     facts: PlateFacts

@@ -101,7 +101,7 @@ def _draw_plate(axes: Axes, plate: Plate) -> None:
     marks = [polygon for mark in plate.marks if mark.layer.written for polygon in mark.polygons]
     if marks:
         # Limits are stated below; to find them of letters takes longer than to draw those.
-        axes.add_artist(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
+        axes.add_artist(PathPatch(path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
     axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_INK, linewidth=0.5)
     _dimension(axes, -half, half, -1.06 * half, f"blank {2 * half:.6g} mm", upright=False)
     _dimension(axes, -room, room, -1.13 * half, f"writable {2 * room:.6g} mm", upright=False)
@@ -170,7 +170,7 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
         axes.text(left + 0.2, 0.015, side, ha="center", va="center", fontsize=7.5)
 
 
-def _path_mm(polygons: Sequence[Polygon]) -> Path:
+def path_mm(polygons: Sequence[Polygon]) -> Path:
     """Polygons as one path: an element for each would make the drawing ten times as large."""
     vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
     codes = [
@@ -211,7 +211,6 @@ class OrderSheet:
     """An order as rows of text.
 
     Attributes:
-        title: what the sheet is for.
         groups: headings, each with rows of label and answer; first that for which the house's form asks, in its order.
         cds: name, axis, x and y in millimetres, drawn width in micrometres of every gauge.
         files: mask files that go with it, with their SHA-256.
@@ -459,7 +458,6 @@ class MaskOrder:
     """The order that the papers of a package describe.
 
     Attributes:
-        shop: whom the package is for.
         signature: of the job, by the version that drew the plate.
         checks: what reading the masks back has shown.
         sent: formats of the mask files, in the order in which they were asked for.
@@ -491,7 +489,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     # Corners that meet have a line of their own.
     asked = (finding for finding in ordered.findings if finding.rule != "corner_touches")
     remarks = [
-        _remark(question)
+        f"{question.rule}: {question.value} {question.unit} at {question.place}; please confirm."
         for question in asked
         if question.passed is None and question.place and not question.question and question.rule != "edge_error"
     ]
@@ -627,11 +625,6 @@ def _compared(name: str, said: str, made: str, method: str, *, judged: bool) -> 
 
 def _text(said: object) -> str:
     return said if isinstance(said, str) else json.dumps(said, sort_keys=True)
-
-
-def _remark(finding: Finding) -> str:
-    """A question for the house to decide, as the order puts it."""
-    return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
 
 
 def _certificate(ordered: MaskOrder) -> dict[str, Any]:

@@ -111,12 +111,7 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One axis of a band: its nodes, and what the intervals that it holds send to them.
-
-    Attributes:
-        index: intp [k] numbers of the intervals, ascending.
-        moments: float64 [k, orders, count], see :meth:`Nodes.moments`.
-    """
+    """One axis of a band: numbers of its intervals, intp [k], and their moments as of :meth:`Nodes.moments`."""
 
     positions: Positions
     index: Indices
@@ -308,11 +303,7 @@ class PreparedField:
     precision: Precision
 
     def field(self, u: Floats, v: Floats) -> ParityField:
-        """The field at non-negative, ascending frequencies, [nu] and [nv]; both begin at 0 or neither does.
-
-        Raises:
-            InternalError: MF901 if a frequency is beyond the highest that was prepared for.
-        """
+        """The field at non-negative, ascending frequencies, [nu] and [nv]; both begin at 0 or neither does."""
         if u[-1] > self.highest_u * (1 + 1e-9) or v[-1] > self.highest_v * (1 + 1e-9):
             what = (
                 f"frequencies up to {u[-1]:g} and {v[-1]:g} cycles/um are beyond the {self.highest_u:g} and "
@@ -385,11 +376,7 @@ class SampledField:
         return _whole(_carried(self.parts, across, up), on_axis=bool(u[0] == 0))
 
     def at(self, u: Floats, v: Floats) -> Complexes:
-        """The field at any frequencies up to the highest, of either sign, [nv, nu] from [nu] and [nv].
-
-        Raises:
-            InternalError: MF901 for a frequency beyond the highest.
-        """
+        """The field at any frequencies up to the highest, of either sign, [nv, nu] from [nu] and [nv]."""
         waves = []
         for nodes, frequency in ((self.nodes_u, u), (self.nodes_v, v)):
             most = float(abs(frequency).max())
@@ -432,9 +419,6 @@ def prepare(pupil: Pupil, highest_u: float, highest_v: float, precision: Precisi
         pupil: openings inside the stop, on lattices that are symmetric about the axis.
         highest_u, highest_v: the highest frequencies that will be asked for, cycles per micrometre.
         precision: of the products; single errs by 3e-7 to 3e-6 of the PSF.
-
-    Raises:
-        InternalError: MF901 if a lattice is not symmetric.
     """
     along_x = right_half(pupil.x)
     along_y = along_x if pupil.x == pupil.y else right_half(pupil.y)
@@ -457,9 +441,6 @@ def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     Args:
         u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or neither.
         precision: of the products; single errs by 3e-7 to 3e-6 of the PSF.
-
-    Raises:
-        InternalError: MF901 if a lattice is not symmetric.
     """
     return prepare(pupil, float(u[-1]), float(v[-1]), precision).field(u, v)
 

@@ -73,9 +73,6 @@ def prepare_cells(pupil: Pupil, highest_u: float, highest_v: float, precision: P
         pupil: openings inside the stop, on symmetric lattices, nothing clear in the gutters.
         highest_u, highest_v: the highest frequencies that will be asked for, cycles per micrometre.
         precision: of the products that follow; the reduction itself is always done in double precision.
-
-    Raises:
-        InternalError: MF901 if :func:`cell_refusal` gives a reason.
     """
     reason = cell_refusal(pupil)
     if reason:
@@ -122,12 +119,7 @@ def cell_nodes(lattice: Lattice, highest: float) -> Nodes:
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """One axis of a cell and its nodes.
-
-    Attributes:
-        whole: float64 [intervals in a period, nodes] strengths from a dot that is clear; zero for the strip.
-        rim: float64 [dots, orders, nodes] strengths from a dot's moments.
-    """
+    """One axis of a cell and its nodes: strengths of whole dots, zero for the strip, and of the moments of cut ones."""
 
     whole: Floats
     rim: Floats
@@ -200,11 +192,7 @@ class PrunedField:
     precision: Precision
 
     def field(self, u: Floats, v: Floats) -> ParityField:
-        """The field at frequencies that :func:`pruned_refusal` accepts, [nu] and [nv].
-
-        Raises:
-            InternalError: MF901 if it gives a reason.
-        """
+        """The field at frequencies that :func:`pruned_refusal` accepts, [nu] and [nv]."""
         reason = pruned_refusal(self.pupil.x, self.pupil.y, bool(self.pupil.rim_row.size), u, v)
         if reason:
             raise InternalError("MF901", reason)
@@ -395,9 +383,6 @@ class FieldPath:
         Args:
             u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or
                 neither does.
-
-        Raises:
-            InternalError: MF901 if the path refuses the task, or the frequencies are not as they must be.
         """
         for frequency in (u, v):
             if not frequency.size or frequency[0] < 0 or (np.diff(frequency) <= 0).any():

@@ -56,12 +56,7 @@ _SERIES = 7
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Quadrature nodes on some edges.
-
-    Attributes:
-        points: float64 [2, m], x and y in micrometres.
-        dx, dy: float64 [m], weighted components of the line element, the clear side on its left.
-    """
+    """Quadrature nodes on edges, micrometres, and weighted parts of the line element, the clear side on its left."""
 
     points: Floats
     dx: Floats
@@ -92,16 +87,15 @@ class Boundary:
         Args:
             step: distance between frequencies, cycles per micrometre.
             count: number of frequencies along each axis, odd.
-
-        Raises:
-            InternalError: MF901 if the grid goes beyond ``highest``.
         """
         middle = count // 2
         across = step * np.arange(-middle, middle + 1, dtype=np.float64)
         if across[-1] * np.sqrt(2) > self.highest * (1 + 1e-9):
             what = f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
             raise InternalError("MF901", what)
-        reach = self._near(step, middle)
+        extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
+        # Frequencies on either side of 0 that are summed directly.
+        reach = min(middle, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
         half, near = np.zeros((count, count), dtype=np.complex128), np.zeros((2 * reach + 1,) * 2, dtype=np.complex128)
         for nodes in self._parts():
             if reach < middle:
@@ -143,11 +137,6 @@ class Boundary:
             -along * by_dy[1, 0] + aside * by_dx[0, 1],
             on_axis=bool(u[0] == 0),
         )
-
-    def _near(self, step: float, most: int) -> int:
-        """Number of frequencies on either side of 0 that are summed directly."""
-        extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
-        return min(most, _MOST_NEAR, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
 
     def _parts(self) -> Iterator[_Nodes]:
         if self.ready is not None:
@@ -215,11 +204,7 @@ def _remainders(nodes: _Nodes, step: float, reach: int) -> Complexes:
 
 
 def _past_linear(phase: Floats) -> tuple[Complexes, Complexes]:
-    """g = exp(-iφ) - 1 + iφ and m = exp(-iφ) - 1, both to full relative precision, at -φ, 0 and φ, [2 k + 1, m].
-
-    Args:
-        phase: float64 [k, m], at most π/4 in size; sine and cosine by their series (DLMF 4.19).
-    """
+    """g = exp(-iφ) - 1 + iφ and m = exp(-iφ) - 1 to full precision at -φ, 0 and φ ≤ π/4, [2 k + 1, m] (DLMF 4.19)."""
     square = phase**2
     sine, cosine = np.ones_like(phase), np.ones_like(phase)
     for k in range(_SERIES, 0, -1):

@@ -110,9 +110,6 @@ def right_half(lattice: Lattice) -> Positions:
     """The intervals of a symmetric lattice right of the axis, intervals - intervals // 2 of them.
 
     An interval that straddles the axis comes first among them.
-
-    Raises:
-        InternalError: MF901 if the lattice is not symmetric about the axis.
     """
     if not is_symmetric(lattice):
         raise InternalError("MF901", "the parity split needs a lattice that is symmetric about the axis")

@@ -98,11 +98,7 @@ class Distortion:
         return x_um * stretch, y_um * stretch
 
     def undistorted(self, x_um: Floats, y_um: Floats) -> tuple[Floats, Floats]:
-        """The points of the undistorted picture that land there: the inverse of :meth:`displaced`.
-
-        Raises:
-            JobError: MF104 beyond ``farthest_um``.
-        """
+        """The points of the undistorted picture that land there (:meth:`displaced`); MF104 beyond ``farthest_um``."""
         radius = np.hypot(x_um, y_um)
         if float(np.max(radius)) >= self.farthest_um:
             what = (
@@ -141,7 +137,6 @@ class Projection:
     """A projection other than f tan θ, as rows of image height over the angle off the axis.
 
     Attributes:
-        focal_um: f.
         angles_rad, heights_um: of the rows, ascending, above 0; θ(r) is the odd cubic spline through them.
         name: "f theta", or "a table".
 

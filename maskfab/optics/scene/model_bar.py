@@ -170,12 +170,7 @@ def middle_line_nm(camera: Camera) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _DieField:
-    """A die's field and intensity on the samples of its PSF, and the axes of frequency.
-
-    Attributes:
-        u: float64 [m] frequencies from 0, cycles per micrometre.
-        field: complex [n, n], F.
-    """
+    """A die's field [n, n] and intensity on the samples of its PSF, and the axes of frequency from 0, cycles per µm."""
 
     pupil: Pupil
     camera: Camera

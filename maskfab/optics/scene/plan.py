@@ -141,7 +141,6 @@ class Ingredient:
     """A row of the plan.
 
     Attributes:
-        modelled: whether it is.
         error: estimated relative L2 error of the PSF without it; of what is left of it in ``remaining`` if modelled.
         remaining: what counts towards the plan's error: ``error`` if left out, else what modelling leaves.
     """
@@ -159,7 +158,6 @@ class CostModel:
     """The price of any choice for one panel, camera and scene.
 
     Attributes:
-        pupil: openings inside the stop.
         tasks: by (grey rim, scale modelled, oblique).
         steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
     """
@@ -330,9 +328,7 @@ class CostModel:
         )
 
     def _gap_samples(self, choice: Choice) -> int:
-        """Samples along a side of the propagated field, as :func:`maskfab.optics.gap.gap_psf` takes
-        them.
-        """
+        """Samples along a side of the propagated field, as :func:`maskfab.optics.gap.gap_psf` takes them."""
         sample = self._sample_um(choice)
         guard = gap_guard_um(self.scene.gap_um, self.estimates.range_nm[1], sample)
         width = self.camera.stop.diameter_um + 2 * guard + self.pupil.x.pitch_um
@@ -554,10 +550,7 @@ def _nearer_focus(scene: Scene, object_um: float, share: float) -> float:
 
 
 def _own_error(model: CostModel, camera: Camera, choice: Choice, tolerance: float) -> float:
-    """Numerical error of a choice, its phased fields of that tolerance: by a probe where one is at hand.
-
-    What :meth:`CostModel.own_error` states holds for any pupil, and so is far above most.
-    """
+    """Numerical error of a choice: by a probe where one is at hand, as :meth:`CostModel.own_error` bounds any pupil."""
     bound, scene = model.own_error(choice), model.scene
     bands = [band_lines(band, choice.lines).wavelengths_nm.tolist() for band in scene.bands]
     lines = sorted({line for band in bands or [camera.wavelengths_nm] for line in band})

@@ -77,7 +77,6 @@ def scene_psf(
         JobError: MF104 for an image point outside the field, an object outside the depth or a line shorter than the
             plan's; MF114 if the openings do not cover the stop from there; MF115 if the choice takes more than one job
             may, which a plan rules out for the panel that it was made for.
-        InternalError: MF901 if the plan was made for another camera or scene.
     """
     seen = _psfs(openings, camera, scene, plan, [wavelength_nm], image_um=image_um, object_um=object_um, margin=margin)
     return next(seen)
@@ -97,16 +96,13 @@ def spectrum_psf(
     """Point PSF of a band: that of the plan's lines, each with its share of the detected energy.
 
     Args:
-        openings, camera, scene, plan: as for :func:`scene_psf`.
         light: one of the scene's bands, or a single line's wavelength in nanometres.
-        image_um, object_um, margin: as for :func:`scene_psf`.
 
     Returns:
         The PSF; its ``wavelength_nm`` is the band's mean by energy.
 
     Raises:
         JobError: as for :func:`scene_psf`; MF104 for a band where the plan is one of lines.
-        InternalError: MF901 as for :func:`scene_psf`.
     """
     if not isinstance(light, Band):
         return scene_psf(
@@ -223,11 +219,7 @@ def _psfs(
 
 
 def _path(choice: Choice, task: FieldTask) -> FieldPath:
-    """The choice's path; if that refuses the task, the cheapest of those of its precision that give the same field.
-
-    A path is chosen for the design at one line. What was read back may let light through between cells, and a step that
-    suits a transform at one wavelength does not at another.
-    """
+    """The choice's path; if it refuses what was read back, the cheapest of its precision for the same field."""
     (chosen,) = (path for path in PATHS if path.name == choice.path)
     if chosen.refusal(task) is None:
         return chosen

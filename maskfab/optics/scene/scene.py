@@ -65,7 +65,6 @@ class Scene:
         """The scene of a job; the one that asks for nothing if the job has none.
 
         Args:
-            section: a job's [scene].
             curves: text of the tables that it names, by name, as ``JobSpec.curves`` holds them.
             camera: for a field that is an angle, or a projection other than f tan θ; else it may be None.
 

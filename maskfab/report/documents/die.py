@@ -43,7 +43,6 @@ class Stated:
     """Design facts stated in the files of one die.
 
     Attributes:
-        opening: provenance of the die's first opening.
         cells: provenance of the die's map; None if it has none.
     """
 

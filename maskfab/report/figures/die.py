@@ -25,10 +25,11 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from maskfab.base.cell_size import CellSize
-from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
+from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Psf, Tiling
 from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.findings.as_written import Written
+from maskfab.mask.package.papers import path_mm
 from maskfab.mask.writer import Reading, written_region
 from maskfab.report.figures import sheet
 from maskfab.report.figures.sheet import INK, QUIET, Drawing, bitmap, draw_psf, image, img, place, scale, styled
@@ -421,7 +422,7 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
     for written, edge in ((True, "none"), (False, "#6b737e")):
         polygons = [p for item in marks if item.layer.written is written for p in item.polygons]
         fill = _CLEAR if written else "none"
-        axes.add_artist(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
+        axes.add_artist(PathPatch(path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
     for item in plate.marks:
         if item.kind == "fiducial":
             pad = 0.04 * half
@@ -439,15 +440,6 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
     (left, right), (low, high) = _PLATE_SEEN
     axes.set(xlim=(left * half, right * half), ylim=(low * half, high * half), aspect="equal")
     axes.set_axis_off()
-
-
-def _path_mm(polygons: Sequence[Polygon]) -> Path:
-    """Polygons as one path: an SVG element for each would make the drawing ten times as large."""
-    vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
-    codes = [
-        code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
-    ]
-    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / NM_PER_MM, codes)
 
 
 def _write_name(axes: Axes, die: Die, failed: bool, span: float) -> None:

@@ -34,12 +34,7 @@ _COLOURS = 200
 
 @dataclass(frozen=True, eq=False)
 class _Tiles:
-    """Pictures in rows and columns, row 0 the lowest, on one logarithmic scale.
-
-    Attributes:
-        levels: [rows][columns] of float64 [n, n], log10, from -decades to 0.
-        numbers: what stands under each; none where nothing does.
-    """
+    """Pictures in rows and columns, row 0 the lowest, log10 [n, n] from -decades to 0, and numbers under them."""
 
     levels: Sequence[Sequence[Floats]]
     numbers: Sequence[Sequence[str]]

@@ -238,7 +238,6 @@ def scale(
 
     Args:
         axes: gets them, and loses its own along that side.
-        side: ``bottom``, ``top``, ``left`` or ``right``.
         named: what stands at which places; by default the round numbers that matplotlib chooses.
         grid: draw a line across from every tick, too.
     """
@@ -344,7 +343,6 @@ class Drawing:
     """A figure and the words that say what it shows, to be looked at in a notebook or saved.
 
     Attributes:
-        figure: of matplotlib, to go on with.
         words: what it shows, in one line.
     """
 

@@ -57,7 +57,6 @@ class Reach:
 
     Attributes:
         clear_dots: in a pixel; None where none was found.
-        dots: along the pixel's side.
         shape: of the opening; empty where the display holds no more than without easing.
         psnr: expected restored PSNR by level, dB, before a map; none likewise.
         alike: whether lines were found only where all cells lie alike.
@@ -86,7 +85,6 @@ class Advised:
         designed: the design; without a display's rules where no display fits.
         alike_psnr: expected restored PSNR of its opening with all cells laid alike, dB, by level.
         misfit: why no display fits; None where one does.
-        displays: of both dies.
         level_db: the job's light, or the middle one of several.
         unobstructed: gain over the reference of a clear stop of the design's light.
         reaches: larger openings; none where time was over.

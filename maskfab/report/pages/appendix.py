@@ -141,11 +141,7 @@ def _wavelengths(die: Record) -> list[float]:
 
 
 def _lines(die: Record, folded: bool) -> list[tuple[Record, Record, tuple[Record | None, ...]]]:
-    """A die's numbers that depend on the wavelength; those that are folded, or the others.
-
-    Of each the row of the first wavelength that has one, the row whose limit and verdict are shown (one that failed,
-    else the first that was judged, else any), and a row for each wavelength, None where there is none.
-    """
+    """A die's numbers that depend on the wavelength, folded or the others: the row shown and one a wavelength."""
     wavelengths = _wavelengths(die)
     groups: dict[str, dict[float, Record]] = {}
     for row in die["quantities"]:

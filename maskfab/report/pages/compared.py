@@ -106,7 +106,8 @@ def compare_reports(
     for name, (report, die) in chosen.items():
         other = report.document["camera"] != first.document["camera"]
         rows = [row for row in die["quantities"] if not other or row["name"] in _OF_ITS_OWN]
-        merged.append({**die, "name": name, "quantities": [_renamed(row, name) for row in rows]})
+        renamed = [{**row, "die": name} if "die" in row else row for row in rows]
+        merged.append({**die, "name": name, "quantities": renamed})
     for report in reports[1:]:
         if report.document["camera"] != first.document["camera"]:
             camera = ", ".join(_parted(first.document["camera"], report.document["camera"]))
@@ -245,10 +246,6 @@ def _parted(one: Record, other: Record) -> Iterator[str]:
     for key in dict.fromkeys([*one, *other]):
         if one.get(key) != other.get(key):
             yield key.replace("_", " ")
-
-
-def _renamed(row: Record, name: str) -> Record:
-    return {**row, "die": name} if "die" in row else row
 
 
 def _name(report: FinishedReport, die: str, alone: bool) -> str:

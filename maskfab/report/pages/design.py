@@ -85,11 +85,7 @@ _SHOWN_CELLS = 6
 
 @dataclass(frozen=True)
 class Made:
-    """Origin of a design, beside what was found.
-
-    Attributes:
-        wall_s, processor_s: seconds that it took.
-    """
+    """Origin of a design, beside what was found."""
 
     job_hash: str
     wall_s: float
@@ -306,7 +302,6 @@ def rules_part(
         rules: that were asked for, each with what it asks in words.
         prices: dB by rule: ``alone``, and ``last``, on top of the others; null where no opening judged tells it.
         together: of all rules, dB; None where that is not known.
-        judged: openings in all.
         among: the best of these, among which rules are priced.
         without: dB that an annealing without a rule gained; None where there was none.
     """
@@ -372,7 +367,6 @@ def search_drawing(bettered: Sequence[Sequence[float]], last: int, value: str, j
         bettered: how many were judged when the best was bettered, and its value.
         last: how many were judged in all.
         value: what the values are, with their unit.
-        judged: what is counted.
     """
     if len(bettered) < 2:
         return None

@@ -64,7 +64,6 @@ class Best:
     Where no die keeps all, it is the best without the verdicts that bind, and is not called best.
 
     Attributes:
-        psnr: its mean, in dB.
         gain: over the reference; None where it is the reference, or there is none.
         reference: die that gains are over; None if there is none.
         stated: whether the job names the reference, which is else the first die.

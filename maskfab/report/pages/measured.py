@@ -386,11 +386,7 @@ def _words(edges: Sequence[MeasuredEdge], die: str | None) -> str:
 def edge_document(
     measured: MeasuredEdges, name: str, digest: str, job_hash: str | None, notes: Sequence[str]
 ) -> Document:
-    """Everything that was measured; what measure.json and ``--json`` say.
-
-    Args:
-        job_hash: of the job; None without one.
-    """
+    """Everything that was measured; what measure.json and ``--json`` say."""
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,

@@ -360,7 +360,6 @@ class ModelLine:
     """One model.
 
     Attributes:
-        title: of it, in words.
         seconds: that one thread is expected to take for the die; None where nothing is computed.
         error: of it; None where it is not known.
         at_most: whether the truth may lie far below the error.
