@@ -35,7 +35,7 @@ _MOST_CORNERS, _MOST_CELLS, _SECONDS = 20_000_000, 20_000, 20
 _GAP_UNITS, _NARROWEST_NM, _WIDEST_NM = 1e-4, 2.0, 100.0
 """Ends of lines that lie so close are joined: a ten-thousandth of the drawing's unit, within these bounds."""
 
-_IN_PLANE, _STRAIGHT, _ON_GRID_NM = 1e-9, 1e-12, 1e-4
+_IN_PLANE, _STRAIGHT, _ON_GRID_NM, _MOST_WEIGHT = 1e-9, 1e-12, 1e-4, 1e9
 _MIRRORED = np.diag([-1.0, 1.0])
 _TEXTS = {"TEXT", "MTEXT"}
 PASSED_OVER = {
@@ -200,7 +200,7 @@ class _Reader:
         kind, layer = entity.dxftype(), self._layer(entity, cell)
         if entity.dxf.get("invisible", 0) or entity.dxf.get("paperspace", 0):
             return  # told by who looks for what is out of sight
-        if kind in _TEXTS:
+        if kind in _TEXTS and _facing(entity):
             ((x, y),) = np.rint(cell.at([entity.dxf.insert], self._plane(cell, entity)))
             cell.labels.append((str(entity.dxf.get("text", "") or "text")[:80], (x, y), layer, 0, None))
         if kind in PASSED_OVER:
@@ -229,10 +229,10 @@ class _Reader:
 
     def _plane(self, cell: _Cell, entity: Any) -> Floats:
         """Map of an entity whose coordinates are those of its own plane, which may be seen from below."""
-        x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
-        if not math.hypot(x, y) < _IN_PLANE * abs(z):
+        facing = _facing(entity)
+        if not facing:
             raise _UnreadableError("MF317", f"{entity.dxftype()} out of the plane")
-        return cell.matrix @ _MIRRORED if z < 0 else cell.matrix
+        return cell.matrix @ _MIRRORED if facing < 0 else cell.matrix
 
     def _draw(self, cell: _Cell, layer: int, points: Floats) -> None:
         self._corners += len(points)
@@ -344,11 +344,10 @@ class _Reader:
             )
 
     def _ellipse(self, cell: _Cell, entity: Any, layer: int) -> str:
-        x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
-        major = np.array(tuple(entity.dxf.major_axis)[:2])
-        if not math.hypot(x, y) < _IN_PLANE * abs(z):
+        major, facing = np.array(tuple(entity.dxf.major_axis)[:2]), _facing(entity)
+        if not facing:
             raise _UnreadableError("MF317", "ELLIPSE out of the plane")
-        minor = np.array([-major[1], major[0]]) * math.copysign(entity.dxf.ratio, z)
+        minor = np.array([-major[1], major[0]]) * entity.dxf.ratio * facing
         self._refuse_large(float(np.linalg.norm(cell.matrix, 2) * np.linalg.norm(major)))
         (centre,) = cell.at([entity.dxf.center])
         start, stop = _turn(entity.dxf.start_param, entity.dxf.end_param)
@@ -374,7 +373,7 @@ class _Reader:
             raise _UnreadableError("MF317", "SPLINE out of the plane")
         load = np.array(weights, dtype=np.float64) if len(weights) else np.ones(len(places))
         whole = len(at) == len(places) + degree + 1 and len(load) == len(places) and 1 <= degree < len(places)
-        if not (whole and (np.diff(at) >= 0).all() and (load > 0).all()):
+        if not (whole and (np.diff(at) >= 0).all() and 0 < load.max() <= _MOST_WEIGHT * load.min()):
             raise _UnreadableError("MF311", "SPLINE whose knots or weights are none")
         nm = cell.at(places, matrix)
         self._refuse_large(float(np.abs(nm).max()))
@@ -398,11 +397,12 @@ class _Reader:
 
     def _lwpolyline(self, cell: _Cell, entity: Any, layer: int) -> str:
         rows = np.array(entity.get_points("xyseb"), dtype=np.float64).reshape(-1, 5)
-        if not entity.has_width:
-            rows[:, 2:4] = entity.dxf.get("const_width", 0.0)
-        elif entity.dxf.get("const_width", 0.0) and not rows[:, 2:4].any():
-            rows[:, 2:4] = entity.dxf.const_width
-        return self._vertices(cell, entity, layer, rows, closed=bool(entity.closed))
+        said = entity.dxf.get("const_width")
+        if said is not None and rows[:, 2:4].any() and (rows[:, 2:4] != said).any():
+            # The reference of DXF says that those of vertices count, and programs take the other.
+            raise _UnreadableError("MF311", "LWPOLYLINE of two widths")
+        rows[:, 2:4] = rows[:, 2:4] if said is None else said
+        return self._vertices(cell, entity, layer, rows, self._plane(cell, entity), closed=bool(entity.closed))
 
     def _polyline(self, cell: _Cell, entity: Any, layer: int) -> str:
         if not (entity.is_2d_polyline or entity.is_3d_polyline):
@@ -423,13 +423,13 @@ class _Reader:
             for vertex in drawn
         ]
         points = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        return self._vertices(cell, entity, layer, points, closed=bool(entity.is_closed))
+        matrix = self._plane(cell, entity) if flat else cell.matrix
+        return self._vertices(cell, entity, layer, points, matrix, closed=bool(entity.is_closed))
 
-    def _vertices(self, cell: _Cell, entity: Any, layer: int, rows: Floats, *, closed: bool) -> str:
+    def _vertices(self, cell: _Cell, entity: Any, layer: int, rows: Floats, matrix: Floats, *, closed: bool) -> str:
         """Draw a line of rows x, y, width at the start and at the end, bulge."""
         if len(rows) < 2:
             return "nothing, for it has no length"
-        matrix = self._plane(cell, entity) if entity.dxf.is_supported("extrusion") else cell.matrix
         if rows[: len(rows) if closed else -1, 2:4].any():
             return self._wide(cell, layer, rows, matrix, closed=closed)
         returns = bool((rows[0, :2] == rows[-1, :2]).all()) and len(rows) > 2
@@ -455,23 +455,14 @@ class _Reader:
         # Drawn as large as its map makes it, and then mapped, which makes no distance larger.
         size = float(np.linalg.norm(matrix, 2))
         ends = np.vstack([rows, rows[:1]]) if closed else rows
-        spine, widths = [ends[:1, :2] * size], []
-        for a, b in itertools.pairwise(ends):
-            arc = bulged(a[:2], b[:2], a[4], np.eye(2) * size, max(a[2:4]) * size)
-            moves = np.append(True, (np.abs(np.diff(arc, axis=0)) > 0).any(axis=1))
-            arc = arc[moves]
-            if len(arc) > 1:
-                self._curves += len(arc) > 2
-                between = np.linspace(a[2], a[3], len(arc)) * size
-                spine.append(arc[1:])
-                widths.append(np.stack([between[:-1], between[1:]], axis=1))
-        if not widths:
-            return "nothing, for it has no length"
-        parts = [
-            part @ (matrix / size).T for part in wide_line(np.concatenate(spine), np.concatenate(widths), closed=closed)
-        ]
+        self._refuse_large(float(np.abs(ends[:, :4]).max()) * size)
+        self._curves += int(np.count_nonzero(ends[:-1, 4]))
         shift = cell.at(np.zeros((1, 2)), matrix)
-        self._fill(cell, layer, [part + shift for part in parts], "union")
+        outlines = wide_line(ends * [size, size, size, size, 1], closed=closed)
+        parts = [part @ (matrix / size).T + shift for part in outlines]
+        if not parts:
+            return "nothing, for it has no length"
+        self._fill(cell, layer, parts, "union")
         return "lines with a width" + (", closed ones as rings" if closed else "")
 
     def _hatch(self, cell: _Cell, entity: Any, layer: int) -> str:
@@ -487,7 +478,9 @@ class _Reader:
                 ends = np.vstack([rows, rows[:1]])
                 arcs = [bulged(a[:2], b[:2], a[2], matrix)[:-1] for a, b in itertools.pairwise(ends)]
                 loops += [np.concatenate(arcs) + shift] if arcs else []
+                self._curves += int(np.count_nonzero(rows[:, 2]))
                 continue
+            self._curves += sum(type(edge).__name__ != "LineEdge" for edge in boundary.edges)
             pieces = [self._edge(cell, edge, matrix) for edge in boundary.edges]
             pieces = [piece for piece in pieces if float(np.ptp(piece, axis=0).max()) > self._gap_limit]
             chains = Chains(pieces, self._gap_limit)
@@ -495,7 +488,6 @@ class _Reader:
                 raise _UnreadableError("MF310", "HATCH whose boundary has gaps")
             self._gap_nm = max(self._gap_nm, chains.gap_nm)
             loops += [loop for group, _, _ in chains.groups for loop in group]
-        self._curves += any(len(loop) > 64 for loop in loops)
         style = ("even-odd", "outermost", "union")[min(max(int(entity.dxf.get("hatch_style", 0)), 0), 2)]
         self._fill(cell, layer, loops, style)
         return {
@@ -569,6 +561,12 @@ class _Reader:
             self._cells[key] = _Cell(name, matrix, base, layer)
             self._todo.append((self._cells[key], content))
         return self._cells[key].name
+
+
+def _facing(entity: Any) -> int:
+    """1 if what is drawn is seen from its front, -1 from its back, 0 from the side."""
+    x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
+    return (1 if z > 0 else -1) if math.hypot(x, y) < _IN_PLANE * abs(z) else 0
 
 
 def _turn(start: float, stop: float) -> tuple[float, float]:
