@@ -16,6 +16,7 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from maskfab.base.model import CHROME, CLEAR, LAYERS
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import FileFormat
 from maskfab.mask.formats.content import (
+    STEP_NM,
     Conversion,
     has_shapes,
     listed,
@@ -101,7 +103,7 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     del data
     cure = f"tate its --unit: it is read in units of {said_um:g} um"
     try:
-        layout = _read_plain(path, said_um, seen) if seen.plain else _read_apart(path, said_um / DBU_UM, seen)
+        layout = (_read_plain if seen.plain else _read_apart)(path, said_um, seen)
     except SourceError as error:
         if "overflow" not in error.what and "2.1 m" not in error.what:
             raise
@@ -121,11 +123,11 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     return layout
 
 
-def _by_klayout(path: Path, unit_um: float | None = None) -> db.Layout:
-    """A text DXF as klayout alone has it, whatever it draws."""
+def _alone(read: Callable[[Path, float, Seen], db.Layout], path: Path, unit_um: float | None = None) -> db.Layout:
+    """A text DXF as one reader alone has it, whatever it draws."""
     data = path.read_bytes()
     said_um, _ = _stated_unit(path, data, unit_um)
-    return _read_plain(path, said_um, look_through(path, data, said_um / DBU_UM))
+    return read(path, said_um, look_through(path, data, said_um / DBU_UM))
 
 
 def _stated_unit(path: Path, data: bytes, unit_um: float | None) -> tuple[float, str]:
@@ -163,8 +165,8 @@ _COUNTING = {*_DATA, "CUT", "0"}
 _CLOSED = 1
 _PAPER = frozenset({b"67"})
 _TILTING = frozenset({b"210", b"220", b"230"})
-_TURNING = _TILTING | {b"41", b"42", b"50", b"102"}
-"""Attributes that place a block at another scale or angle, or clip it by what a dictionary says."""
+_TURNING = _TILTING | {b"41", b"42", b"44", b"45", b"50", b"102"}
+"""Attributes that place a block at another scale or angle, or by steps, or clip it by what a dictionary says."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +228,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
         if entity.kind not in _SHAPELESS:
             unseen.add(entity)
             clear_drawn = clear_drawn or entity.layer.upper() in _DATA
-        plain = plain and _is_plain(entity)
+        plain = plain and _is_plain(entity, nm_per_unit)
         grid.add(entity)
     _refuse_blocks(path, grid)
     read_as = tuple(
@@ -256,9 +258,9 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
     )
 
 
-def _is_plain(entity: Entity) -> bool:
+def _is_plain(entity: Entity, nm_per_unit: float) -> bool:
     if entity.kind == "INSERT":
-        return not entity.says(_TURNING) or _is_shifted(entity)
+        return not entity.says(_TURNING) or _is_shifted(entity, nm_per_unit)
     if entity.kind not in _LINES:
         return entity.kind in _HARMLESS and not entity.says(_TILTING)
     if entity.says(_TILTING) or not entity.plain_line:
@@ -268,9 +270,16 @@ def _is_plain(entity: Entity) -> bool:
     return not flags & ~(_CLOSED | 128) and (bool(flags & _CLOSED) or _returns(entity))
 
 
-def _is_shifted(entity: Entity) -> bool:
-    turned = entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0
-    return not turned and entity.number(41, 1.0) == entity.number(42, 1.0) == 1
+def _is_shifted(entity: Entity, nm_per_unit: float) -> bool:
+    """Whether a block is neither turned nor scaled nor clipped, and steps of an array are whole nanometres: klayout
+    rounds one step, and adds that up."""
+    if entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0:
+        return False
+    for step, count in ((44, 70), (45, 71)):
+        off = entity.number(step) * nm_per_unit % 1.0
+        if not (entity.number(count, 1.0) - 1) * min(off, 1 - off) <= STEP_NM:
+            return False
+    return entity.number(41, 1.0) == entity.number(42, 1.0) == 1
 
 
 def _is_plain_name(name: str) -> bool:
@@ -338,10 +347,10 @@ def _refuse_other_areas(path: Path, layout: db.Layout, seen: Seen) -> None:
             raise SourceError("MF316", what, where=str(path), cure=cure)
 
 
-def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
+def _read_apart(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     script = Path(__file__).with_name("dxf_process.py")
-    drawing: Drawing = read_apart(path, script, repr(nm_per_unit), kind=Drawing, seconds=seconds)
+    drawing: Drawing = read_apart(path, script, repr(unit_um / DBU_UM), kind=Drawing, seconds=seconds)
     _refuse_different(path, seen, drawing)
     plate = {layer.name: layer_info(layer) for layer in LAYERS}
     named = [plate.get(name.upper()) or _numbered(name, drawing.layers) for name in drawing.layers]
@@ -483,7 +492,9 @@ class DrawingGrid:
         elif entity.kind == "INSERT":
             name = entity.text(2)
             self._named.add(name)
-            self._placed[block][name.upper()].extend(_places(entity))
+            placed = self._placed[block][name.upper()]
+            placed.extend((entity.number(10), entity.number(20)))
+            placed.extend(entity.copies)
             columns, rows = (max(1.0, abs(entity.number(code, 1.0))) for code in (70, 71))
             self._times[block][name.upper(), entity.layer.upper()] += (1 + len(entity.copies) // 2) * columns * rows
         elif entity.kind == "SOLID":
@@ -581,16 +592,6 @@ def _scaled(values: Floats, scale: float) -> Floats:
         return values * scale
 
 
-def _places(reference: Entity) -> array[float]:
-    """Coordinates of a reference, of those like it, and the steps of its array."""
-    places = array("d", [reference.number(10), reference.number(20)])
-    places.extend(reference.copies)
-    for step, count in ((44, 70), (45, 71)):
-        if abs(reference.number(count, 1.0)) > 1:
-            places.append(reference.number(step))
-    return places
-
-
 class _Lines:
     """Vertices of many lines, one after the other."""
 
@@ -642,7 +643,7 @@ def _format(name: FileFormat, version: Version) -> Format:
         f"_{version}.dxf",
         write_plate=write,
         read=read_dxf,
-        readers=(("klayout", _by_klayout),),
+        readers=(("klayout", partial(_alone, _read_plain)), ("ezdxf", partial(_alone, _read_apart))),
         suffixes=(".dxf",),
         layers="named",
         notes=True,

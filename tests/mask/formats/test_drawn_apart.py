@@ -16,7 +16,7 @@ from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
-from maskfab.mask.formats.content import Conversion, find_layer, rounding_nm
+from maskfab.mask.formats.content import Conversion, array_drift, find_layer, rounding_nm
 from maskfab.mask.formats.drawing import drawing_notes
 from maskfab.mask.formats.dxf_curves import CHORD_NM, spline
 from maskfab.mask.formats.dxf_process import content
@@ -478,6 +478,31 @@ def test_a_circle_in_a_block_of_unequal_scales_is_an_ellipse(tmp_path):
     layout, _ = fast(drawing(tmp_path / "x.dxf", draw))
     assert region(layout, CLEAR).area() / UM2 == pytest.approx(math.pi * 6000, abs=0.0017 * 850)
     assert rounding_nm(layout) == 0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_steps_of_an_array_off_the_grid_do_not_add_up(tmp_path, turned):
+    def draw(m):
+        m.doc.blocks.new("DOT").add_lwpolyline(square(0, 0, 1), close=True, dxfattribs=ON_CLEAR)
+        steps = {"column_count": 49, "column_spacing": 169.3344, "row_count": 3, "row_spacing": 5}
+        m.add_blockref("DOT", (0, 0), dxfattribs=steps | ({"rotation": 90} if turned else {}))
+
+    layout = read_layout(drawing(tmp_path / "x.dxf", draw))
+    box = layout.top_cell().bbox()
+    assert (box.top if turned else box.right) == round(48 * 169_334.4) + 1000
+    drift_nm, which = array_drift(layout)
+    assert drift_nm == pytest.approx(48 * 0.4)
+    assert which == "copy 49 of cell DOT in an array"
+
+
+def test_steps_of_an_array_on_the_grid_are_those_of_klayout(tmp_path, monkeypatch):
+    def draw(m):
+        m.doc.blocks.new("DOT").add_lwpolyline(square(0, 0, 1e-3), close=True, dxfattribs=ON_CLEAR)
+        m.add_blockref("DOT", (0, 0), dxfattribs={"column_count": 49, "column_spacing": 0.169334})
+
+    monkeypatch.delattr("maskfab.mask.formats.dxf.read_apart")
+    layout = read_layout(drawing(tmp_path / "x.dxf", draw, unit=4))
+    assert layout.top_cell().bbox().right == 48 * 169_334 + 1000
 
 
 def test_a_block_that_is_clipped_is_refused(tmp_path):
