@@ -243,7 +243,7 @@ def wide_line(rows: Floats, *, closed: bool) -> Iterator[Floats]:
             turn = 2 * math.atan(bulge) if len(spine) > 2 else 0.0
             across = math.atan2(x, -y) + np.linspace(-turn, turn, len(spine))
             left = np.column_stack([np.cos(across), np.sin(across)])
-            legs.append((spine, left, np.linspace(*halves, len(spine))))
+            legs.append((spine, left, np.linspace(halves[0], halves[1], len(spine))))
     for spine, left, half in legs:
         one_side, other_side = spine + left * half[:, None], spine - left * half[:, None]
         for k in range(len(spine) - 1):
