@@ -103,19 +103,17 @@ class _Cell:
         placed: Floats = whole @ (self.matrix if matrix is None else matrix).T - self.matrix @ self.base
         return placed
 
-    def content(self) -> dict[str, Any]:
+    def arrays(self) -> CellArrays:
         corners = [points for _, points in self.outlines]
-        return {
-            "name": self.name,
-            "polygons": {
-                "corners": np.concatenate([np.empty((0, 2)), *corners]),
-                "sizes": np.array([len(points) for points in corners], dtype=np.int64),
-                "layers": np.array([(layer, 0) for layer, _ in self.outlines], dtype=np.int64).reshape(-1, 2),
-                "repetitions": {},
-            },
-            "labels": self.labels,
-            "references": self.references,
+        polygons = {
+            "corners": np.concatenate([np.empty((0, 2)), *corners]),
+            "sizes": np.array([len(points) for points in corners], dtype=np.int64),
+            "layers": np.array([(layer, 0) for layer, _ in self.outlines], dtype=np.int64).reshape(-1, 2),
+            "repetitions": {},
         }
+        return cell_arrays(
+            {"name": self.name, "polygons": polygons, "labels": self.labels, "references": self.references}
+        )
 
 
 class _UnreadableError(Exception):
@@ -143,13 +141,13 @@ class _Reader:
         self._kinds: dict[str, Callable[[_Cell, Any, int], str]] = {
             "LWPOLYLINE": self._lwpolyline,
             "POLYLINE": self._polyline,
-            "CIRCLE": self._circle,
-            "ARC": self._arc,
-            "ELLIPSE": self._ellipse,
+            "CIRCLE": self._round,
+            "ARC": self._round,
+            "ELLIPSE": self._round,
             "SPLINE": self._spline,
             "LINE": self._line,
-            "SOLID": self._solid,
-            "TRACE": self._solid,
+            "SOLID": self._face,
+            "TRACE": self._face,
             "3DFACE": self._face,
             "HATCH": self._hatch,
             "INSERT": self._insert,
@@ -169,7 +167,7 @@ class _Reader:
                 self._take(cell, entity)
             for layer in list(cell.pieces):
                 self._join(cell, layer)
-            contents.append(cell_arrays(cell.content()))
+            contents.append(cell.arrays())
         return Drawing(
             tuple(contents),
             tuple(name for _, name in self._layers.values()),
@@ -211,7 +209,7 @@ class _Reader:
                 raise _UnreadableError("MF310" if kind in _AREALESS else "MF311", kind)
             read_as = self._kinds[kind](cell, entity, layer)
         except _UnreadableError as fault:
-            self._blame(entity, layer, fault.code, fault.what, cell)
+            self._blame(entity, layer, fault.code, fault.what, "" if cell.name == "TOP" else f"in block {cell.name}")
         else:
             if read_as:
                 self._tell(entity, layer, read_as)
@@ -221,11 +219,10 @@ class _Reader:
             self._told.add((entity, layer))
             self._fates[entity.dxftype(), self._name(layer), read_as] += 1
 
-    def _blame(self, entity: Any, layer: int, code: str, what: str, cell: _Cell, place: str = "") -> None:
+    def _blame(self, entity: Any, layer: int, code: str, what: str, place: str) -> None:
         if (entity, layer) not in self._told:
             self._told.add((entity, layer))
-            where = f"in block {cell.name}" if cell.name != "TOP" and not place else place
-            self._faults.setdefault((code, what, self._name(layer)), [0, where])[0] += 1
+            self._faults.setdefault((code, what, self._name(layer)), [0, place])[0] += 1
 
     def _plane(self, cell: _Cell, entity: Any) -> Floats:
         """Map of an entity whose coordinates are those of its own plane, which may be seen from below."""
@@ -247,10 +244,7 @@ class _Reader:
     def _fill(self, cell: _Cell, layer: int, loops: Sequence[Floats], style: str) -> None:
         if len(loops) == 1:
             self._draw(cell, layer, loops[0])
-        else:
-            self._unite(cell, layer, loops, style)
-
-    def _unite(self, cell: _Cell, layer: int, loops: Sequence[Floats], style: str) -> None:
+            return
         for loop in loops:
             off = float(np.abs(loop - np.rint(loop)).max())
             self._rounding_nm = max(self._rounding_nm, off if off > _ON_GRID_NM else 0.0)
@@ -286,14 +280,11 @@ class _Reader:
         chains = Chains([points for _, points in found.values()], self._gap_limit)
         faults, used = chains.faults, set[int]()
         for loops, pieces, met in chains.groups:
-            if met is None:
-                self._draw(cell, layer, loops[0])
-            elif _is_open_within(loops):
+            if met is not None and _is_open_within(loops):
                 faults.append(met)
-                continue
             else:
-                self._unite(cell, layer, loops, "even-odd")
-            used.update(pieces)
+                self._fill(cell, layer, loops, "even-odd")
+                used.update(pieces)
         self._gap_nm = max(self._gap_nm, chains.gap_nm)
         place = ""
         if faults:
@@ -310,52 +301,41 @@ class _Reader:
                 self._tell(entity, layer, "a part of an outline")
             else:
                 kind = entity.dxftype()
-                self._blame(
-                    entity,
-                    layer,
-                    "MF310",
-                    f"open {kind}" if kind.endswith("LINE") and kind != "LINE" else kind,
-                    cell,
-                    place,
-                )
+                what = f"open {kind}" if kind.endswith("LINE") and kind != "LINE" else kind
+                self._blame(entity, layer, "MF310", what, place)
 
     # --- kinds of entities; each says what it was read as, and pieces only once they are joined ----------------------
 
-    def _circle(self, cell: _Cell, entity: Any, layer: int) -> str:
-        self._curve(cell, layer, self._arc_points(cell, entity, 0.0, 2 * math.pi)[:-1])
-        return "curves"
-
-    def _arc(self, cell: _Cell, entity: Any, layer: int) -> str:
-        start, stop = _turn(math.radians(entity.dxf.start_angle), math.radians(entity.dxf.end_angle))
-        return self._arc_piece(cell, layer, entity, self._arc_points(cell, entity, start, stop))
-
-    def _arc_points(self, cell: _Cell, entity: Any, start: float, stop: float) -> Floats:
-        matrix, radius = self._plane(cell, entity), float(entity.dxf.radius)
-        if not 0 <= radius < math.inf:
-            raise _UnreadableError("MF303", f"{entity.dxftype()} of radius {radius:g}")
-        self._refuse_large(radius * float(np.linalg.norm(matrix, 2)))
-        (centre,) = cell.at([entity.dxf.center], matrix)
-        return conic(centre, radius * matrix[:, 0], radius * matrix[:, 1], start, stop)
-
-    def _refuse_large(self, reach_nm: float) -> None:
-        if not reach_nm <= 2**31:
-            raise SourceError(
-                "MF313", f"{self._path.name} reaches beyond 2.1 m", where=str(self._path), cure="State its --unit"
-            )
-
-    def _ellipse(self, cell: _Cell, entity: Any, layer: int) -> str:
-        major, facing = np.array(tuple(entity.dxf.major_axis)[:2]), _facing(entity)
-        if not facing:
-            raise _UnreadableError("MF317", "ELLIPSE out of the plane")
-        minor = np.array([-major[1], major[0]]) * entity.dxf.ratio * facing
-        self._refuse_large(float(np.linalg.norm(cell.matrix, 2) * np.linalg.norm(major)))
-        (centre,) = cell.at([entity.dxf.center])
-        start, stop = _turn(entity.dxf.start_param, entity.dxf.end_param)
-        points = conic(centre, cell.matrix @ major, cell.matrix @ minor, start, stop)
+    def _round(self, cell: _Cell, entity: Any, layer: int) -> str:
+        matrix, dxf, start, stop = self._plane(cell, entity), entity.dxf, 0.0, 2 * math.pi
+        if entity.dxftype() == "ELLIPSE":  # in the plane of the drawing, around its own direction
+            matrix = cell.matrix
+            major = np.array(tuple(dxf.major_axis)[:2])
+            minor = np.array([-major[1], major[0]]) * dxf.ratio * _facing(entity)
+            start, stop = _turn(dxf.start_param, dxf.end_param)
+        else:
+            if not 0 <= dxf.radius < math.inf:
+                raise _UnreadableError("MF303", f"{entity.dxftype()} of radius {dxf.radius:g}")
+            major, minor = np.eye(2) * dxf.radius
+            if entity.dxftype() == "ARC":
+                start, stop = _turn(math.radians(dxf.start_angle), math.radians(dxf.end_angle))
+        points = self._conic(cell, dxf.center, matrix, major, minor, (start, stop))
         if stop - start < 2 * math.pi:
             return self._arc_piece(cell, layer, entity, points)
         self._curve(cell, layer, points[:-1])
         return "curves"
+
+    def _conic(
+        self, cell: _Cell, at: Any, matrix: Floats, major: Floats, minor: Floats, turn: tuple[float, float]
+    ) -> Floats:
+        self._refuse_large(float(np.linalg.norm(matrix, 2) * np.linalg.norm(major)))
+        (centre,) = cell.at([tuple(at)], matrix)
+        return conic(centre, matrix @ major, matrix @ minor, *turn)
+
+    def _refuse_large(self, reach_nm: float) -> None:
+        if not reach_nm <= 2**31:
+            what = f"{self._path.name} reaches beyond 2.1 m"
+            raise SourceError("MF313", what, where=str(self._path), cure="State its --unit")
 
     def _spline(self, cell: _Cell, entity: Any, layer: int) -> str:
         points = self._spline_points(cell, entity.control_points, entity.weights, entity.knots, entity.dxf.degree)
@@ -383,16 +363,15 @@ class _Reader:
         _refuse_inclined(entity, [entity.dxf.start, entity.dxf.end])
         return self._piece(cell, layer, entity, cell.at([entity.dxf.start, entity.dxf.end]))
 
-    def _solid(self, cell: _Cell, entity: Any, layer: int) -> str:
-        corners = [entity.dxf.vtx0, entity.dxf.vtx1, entity.dxf.get("vtx3", entity.dxf.vtx2), entity.dxf.vtx2]
-        _refuse_inclined(entity, corners)
-        self._draw(cell, layer, _without_repeats(cell.at(corners, self._plane(cell, entity))))
-        return "polygons"
-
     def _face(self, cell: _Cell, entity: Any, layer: int) -> str:
-        corners = [entity.dxf.vtx0, entity.dxf.vtx1, entity.dxf.vtx2, entity.dxf.get("vtx3", entity.dxf.vtx2)]
+        third, fourth = entity.dxf.vtx2, entity.dxf.get("vtx3", entity.dxf.vtx2)
+        # Corners of a SOLID and a TRACE stand crosswise, in a plane of their own.
+        flat = entity.dxftype() == "3DFACE"
+        corners = [entity.dxf.vtx0, entity.dxf.vtx1, *((third, fourth) if flat else (fourth, third))]
         _refuse_inclined(entity, corners)
-        self._draw(cell, layer, _without_repeats(cell.at(corners)))
+        points = cell.at(corners, cell.matrix if flat else self._plane(cell, entity))
+        # A triangle has its last corner twice.
+        self._draw(cell, layer, points[(points != np.roll(points, 1, axis=0)).any(axis=1)])
         return "polygons"
 
     def _lwpolyline(self, cell: _Cell, entity: Any, layer: int) -> str:
@@ -408,23 +387,18 @@ class _Reader:
         if not (entity.is_2d_polyline or entity.is_3d_polyline):
             raise _UnreadableError("MF311", "POLYLINE of a surface")
         # Of a line that was smoothed the frame is kept beside what is drawn.
-        drawn = [vertex for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & 16]
-        flat = entity.is_2d_polyline
-        if not flat:
-            _refuse_inclined(entity, [vertex.dxf.location for vertex in drawn])
-        usual = [entity.dxf.get(name, 0.0) if flat else 0.0 for name in ("default_start_width", "default_end_width")]
-        rows = [
-            (
-                *tuple(vertex.dxf.location)[:2],
-                vertex.dxf.get("start_width", usual[0]) if flat else 0.0,
-                vertex.dxf.get("end_width", usual[1]) if flat else 0.0,
-                vertex.dxf.get("bulge", 0.0) if flat else 0.0,
-            )
-            for vertex in drawn
-        ]
-        points = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        matrix = self._plane(cell, entity) if flat else cell.matrix
-        return self._vertices(cell, entity, layer, points, matrix, closed=bool(entity.is_closed))
+        drawn = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & 16]
+        rows, matrix = np.zeros((len(drawn), 5)), cell.matrix
+        rows[:, :2] = np.array([tuple(vertex.location)[:2] for vertex in drawn]).reshape(-1, 2)
+        if entity.is_2d_polyline:
+            matrix = self._plane(cell, entity)
+            usual = (("start_width", "default_start_width"), ("end_width", "default_end_width"), ("bulge", ""))
+            for column, (name, default) in enumerate(usual, 2):
+                said = entity.dxf.get(default, 0.0) if default else 0.0
+                rows[:, column] = [vertex.get(name, said) for vertex in drawn]
+        elif drawn:
+            _refuse_inclined(entity, [vertex.location for vertex in drawn])
+        return self._vertices(cell, entity, layer, rows, matrix, closed=bool(entity.is_closed))
 
     def _vertices(self, cell: _Cell, entity: Any, layer: int, rows: Floats, matrix: Floats, *, closed: bool) -> str:
         """Draw a line of rows x, y, width at the start and at the end, bulge."""
@@ -510,9 +484,7 @@ class _Reader:
             minor, turn = np.array([-major[1], major[0]]) * edge.ratio, _turn(edge.start_param, edge.end_param)
             if abs(edge.end_angle - edge.start_angle) >= 360:
                 turn = 0.0, 2 * math.pi
-        self._refuse_large(float(np.linalg.norm(matrix, 2) * np.linalg.norm(major)))
-        (centre,) = cell.at([tuple(edge.center)], matrix)
-        return conic(centre, matrix @ major, matrix @ minor, *turn)
+        return self._conic(cell, edge.center, matrix, major, minor, turn)
 
     def _insert(self, cell: _Cell, entity: Any, layer: int) -> str:
         from ezdxf.xclip import XClip
@@ -580,11 +552,6 @@ def _refuse_inclined(entity: Any, corners: Sequence[Any]) -> None:
     reach = max(max(map(abs, tuple(corner))) for corner in corners)
     if max(heights) - min(heights) > _IN_PLANE * max(1.0, reach):
         raise _UnreadableError("MF317", f"{entity.dxftype()} out of the plane")
-
-
-def _without_repeats(points: Floats) -> Floats:
-    """Corners of a face of four, of which a triangle has the last twice."""
-    return points[(points != np.roll(points, 1, axis=0)).any(axis=1)] if len(points) > 1 else points
 
 
 def _distinct(points: Floats, *, closed: bool = True) -> Floats:
