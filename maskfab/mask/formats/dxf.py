@@ -40,7 +40,7 @@ from maskfab.mask.formats.content import (
 )
 from maskfab.mask.formats.drawing import DrawingNotes, LayerFault, ReadAs, drawing_notes, note_drawing
 from maskfab.mask.formats.dxf_process import PASSED_OVER, Drawing, Fault
-from maskfab.mask.formats.dxf_scan import Entity, Unseen, entities
+from maskfab.mask.formats.dxf_scan import IN_PAPER_SPACE, Entity, entities, hiding, out_of_sight
 from maskfab.mask.formats.format import Format, Source, Version
 from maskfab.mask.formats.gdstk_process import cell_content
 from maskfab.mask.layout import (
@@ -62,7 +62,6 @@ from maskfab.mask.layout import (
 from maskfab.mask.process_limits import allow
 from maskfab.mask.sandbox import PATIENCE_S, damaged, read_apart, unusable, wrong_kind
 
-# $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
 _UM_PER_DXF_UNIT = {
     2: 12 * UM_PER_INCH,
     8: 0.0254,
@@ -72,7 +71,7 @@ _UM_PER_DXF_UNIT = {
         for code, unit in {1: "in", 4: "mm", 5: "cm", 6: "m", 9: "mil", 12: "nm", 13: "um"}.items()
     },
 }
-"""Micrometres of $INSUNITS: feet, microinches and decimetres besides units that have a name here."""
+"""Micrometres of $INSUNITS (DXF reference, HEADER section), 0 for no unit: some besides those that have a name here."""
 
 # Comments (group 999) may come before the first section.
 _TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0\s*\r?\n\s*SECTION\s*\r?\n")
@@ -165,7 +164,6 @@ _HARMLESS = _SHAPELESS | {"SOLID"}
 _DATA = {CLEAR.name, CHROME.name}
 _COUNTING = {*_DATA, "CUT", "0"}
 _CLOSED = 1
-_PAPER = frozenset({b"67"})
 _TILTING = frozenset({b"210", b"220", b"230"})
 _TURNING = _TILTING | {b"41", b"42", b"44", b"45", b"50", b"102"}
 """Attributes that place a block at another scale or angle, or by steps, or clip it by what a dictionary says."""
@@ -211,26 +209,30 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
     clear_drawn = False
     start = _TEXT_DXF_START.match(data)
     plain = start is not None and _HEADED.match(data, start.end()) is not None
-    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
-    drawn = Counter[tuple[str, str, str]]()
+    grid, layers, hidden_layers = DrawingGrid(nm_per_unit), set[str](), dict[str, str]()
+    drawn = Counter[tuple[str, str, str, str, str]]()
     for entity in entities(data):
         is_entry = entity.kind == "LAYER"
         layers.add(entity.text(2) if is_entry else entity.layer)
         if len(layers) > MOST_LAYERS:
             raise too_many_layers(path)
         if is_entry:
-            unseen.add_layer(entity)
+            hidden_layers[entity.text(2).upper()] = hiding(entity)
             continue
-        if not entity.says(_PAPER) or entity.number(67) != 1:
-            drawn[(entity.block or "").upper(), entity.kind, entity.layer] += 1 + len(entity.copies) // 2
-        if entity.kind not in _SHAPELESS:
-            unseen.add(entity)
-            clear_drawn = clear_drawn or entity.layer.upper() in _DATA
+        placed = entity.text(2).upper() if entity.kind == "INSERT" else ""
+        block = (entity.block or "").upper()
+        drawn[block, entity.kind, entity.layer, placed, out_of_sight(entity)] += 1 + len(entity.copies) // 2
+        clear_drawn = clear_drawn or (entity.kind not in _SHAPELESS and entity.layer.upper() in _DATA)
         plain = plain and _is_plain(entity, nm_per_unit)
         grid.add(entity)
     _refuse_blocks(path, grid)
-    seen = Seen(False, 0.0, 0, clear_drawn, (), drawn)
-    hidden = tuple(unseen.hidden_shapes(grid.drawing(seen.counts)))
+    seen = Seen(False, 0.0, 0, clear_drawn, (), _in_model(drawn))
+    used, unseen = grid.drawing(seen.counts), Counter[tuple[str, str]]()
+    for (_, kind, layer, placed, why), count in drawn.items():
+        where = hidden_layers.get(layer.upper(), "")
+        if (why or where) and kind not in _SHAPELESS and (not placed or placed in used):
+            unseen[f"{kind}{why} on {where}layer {layer!r}", layer] += count
+    hidden = tuple((layer, f"{count} x {what}") for (what, layer), count in sorted(unseen.items()))
     if seen.clear_drawn and (counting := [what for layer, what in hidden if seen.counts(layer)]):
         raise _unseen(path, counting)
     names = [*layers, *grid.defined]
@@ -239,6 +241,14 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
         return replace(seen, hidden=hidden)
     rounding_nm, repeated, areas = grid.measured(seen.counts)
     return replace(seen, plain=True, rounding_nm=rounding_nm, repeated_vertices=repeated, areas_nm2=areas)
+
+
+def _in_model(drawn: Counter[tuple[str, str, str, str, str]]) -> Counter[tuple[str, str, str]]:
+    shown = Counter[tuple[str, str, str]]()
+    for (block, kind, layer, _, why), count in drawn.items():
+        if why != IN_PAPER_SPACE:
+            shown[block, kind, layer] += count
+    return shown
 
 
 def _is_plain(entity: Entity, nm_per_unit: float) -> bool:
@@ -300,12 +310,12 @@ def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     layout = read_with_klayout(path, options)
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
-    _close_lines(layout)
+    empty = _tidy(layout)
     if seen.plain:
         _refuse_other_areas(path, layout, seen)
     number_layers(layout)
     note_rounding(layout, seen.rounding_nm)
-    note_left_out(layout, LeftOut(seen.repeated_vertices, _drop_empty(layout)))
+    note_left_out(layout, LeftOut(seen.repeated_vertices, empty))
     counts = Counter[tuple[str, str]]()
     for (_, kind, on), count in seen.drawn.items():
         if kind in PASSED_OVER or kind in _LINES or kind == "SOLID":
@@ -432,28 +442,20 @@ def _unseen(path: Path, hidden: Sequence[str]) -> SourceError:
     return SourceError("MF317", what, where=str(path), cure=cure)
 
 
-def _drop_empty(layout: db.Layout) -> int:
-    """Take polygons without area out, and count them."""
+def _tidy(layout: db.Layout) -> int:
+    """Make polygons of lines without width that end where they began, which a SOLID beside them does not change; take
+    polygons without area out, and count them."""
     dropped = 0
-    for layer in layout.layer_indexes():
-        for cell in layout.each_cell():
-            shapes = cell.shapes(layer)
-            flat = [polygon for polygon in shapes.each(db.Shapes.SPolygons) if polygon.area() == 0]
-            for shape in [polygon for polygon in flat if is_empty(polygon.polygon)]:
-                shapes.erase(shape)
-                dropped += 1
+    for shapes in (cell.shapes(layer) for layer in layout.layer_indexes() for cell in layout.each_cell()):
+        for shape in list(shapes.each(db.Shapes.SPaths)):
+            points = list(shape.each_point())
+            if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
+                shapes.replace(shape, db.Polygon(points[:-1]))
+        flat = [polygon for polygon in shapes.each(db.Shapes.SPolygons) if polygon.area() == 0]
+        for shape in [polygon for polygon in flat if is_empty(polygon.polygon)]:
+            shapes.erase(shape)
+            dropped += 1
     return dropped
-
-
-def _close_lines(layout: db.Layout) -> None:
-    """Make polygons of lines without width that end where they began; a SOLID beside them changes nothing."""
-    for layer in layout.layer_indexes():
-        for cell in layout.each_cell():
-            shapes = cell.shapes(layer)
-            for shape in list(shapes.each(db.Shapes.SPaths)):
-                points = list(shape.each_point())
-                if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
-                    shapes.replace(shape, db.Polygon(points[:-1]))
 
 
 _ON_GRID_NM = 1e-4

@@ -43,6 +43,11 @@ PASSED_OVER = {
     "MLEADER", "TOLERANCE", "VIEWPORT", "RAY", "XLINE", "ACAD_TABLE",
 }  # fmt: skip
 """Notes for people, and lines without end."""
+_STYLES = (
+    ("even-odd", "fills, islands left open"),
+    ("outermost", "fills between the outer boundary and its islands"),
+    ("union", "fills that ignore islands"),
+)
 _AREALESS = {"POINT", "MLINE"}
 
 
@@ -128,7 +133,8 @@ class _Reader:
     def __init__(self, path: Path, document: Any, nm_per_unit: float) -> None:
         self._path, self._document, self._nm = path, document, nm_per_unit
         self._gap_limit = min(max(_GAP_UNITS * nm_per_unit, _NARROWEST_NM), _WIDEST_NM)
-        self._layers: dict[str, tuple[int, str]] = {}
+        self._layers: list[str] = []
+        self._places: dict[str, int] = {}
         self._cells: dict[_Key, _Cell] = {}
         self._names = set[str]()
         self._todo: list[tuple[_Cell, Any]] = []
@@ -170,7 +176,7 @@ class _Reader:
             contents.append(cell.arrays())
         return Drawing(
             tuple(contents),
-            tuple(name for _, name in self._layers.values()),
+            tuple(self._layers),
             tuple(ReadAs(kind, layer, read_as, n) for (kind, layer, read_as), n in sorted(self._fates.items())),
             tuple(
                 Fault(code, kind, layer, n, place)
@@ -189,10 +195,10 @@ class _Reader:
         name = decode_dxf_unicode(str(entity.dxf.get("layer", "0")))
         name = cell.layer if name == "0" else name
         name.encode()  # refuses what is no text
-        return self._layers.setdefault(name.upper(), (len(self._layers), name))[0]
-
-    def _name(self, layer: int) -> str:
-        return [name for _, name in self._layers.values()][layer]
+        place = self._places.setdefault(name.upper(), len(self._layers))
+        if place == len(self._layers):
+            self._layers.append(name)
+        return place
 
     def _take(self, cell: _Cell, entity: Any) -> None:
         kind, layer = entity.dxftype(), self._layer(entity, cell)
@@ -217,12 +223,12 @@ class _Reader:
     def _tell(self, entity: Any, layer: int, read_as: str) -> None:
         if (entity, layer) not in self._told:  # in a block that is drawn by several maps
             self._told.add((entity, layer))
-            self._fates[entity.dxftype(), self._name(layer), read_as] += 1
+            self._fates[entity.dxftype(), self._layers[layer], read_as] += 1
 
     def _blame(self, entity: Any, layer: int, code: str, what: str, place: str) -> None:
         if (entity, layer) not in self._told:
             self._told.add((entity, layer))
-            self._faults.setdefault((code, what, self._name(layer)), [0, place])[0] += 1
+            self._faults.setdefault((code, what, self._layers[layer]), [0, place])[0] += 1
 
     def _plane(self, cell: _Cell, entity: Any) -> Floats:
         """Map of an entity whose coordinates are those of its own plane, which may be seen from below."""
@@ -462,13 +468,9 @@ class _Reader:
                 raise _UnreadableError("MF310", "HATCH whose boundary has gaps")
             self._gap_nm = max(self._gap_nm, chains.gap_nm)
             loops += [loop for group, _, _ in chains.groups for loop in group]
-        style = ("even-odd", "outermost", "union")[min(max(int(entity.dxf.get("hatch_style", 0)), 0), 2)]
+        style, read_as = _STYLES[min(max(int(entity.dxf.get("hatch_style", 0)), 0), 2)]
         self._fill(cell, layer, loops, style)
-        return {
-            "even-odd": "fills, islands left open",
-            "outermost": "fills between the outer boundary and its islands",
-            "union": "fills that ignore islands",
-        }[style]
+        return read_as
 
     def _edge(self, cell: _Cell, edge: Any, matrix: Floats) -> Floats:
         kind = type(edge).__name__
@@ -511,7 +513,7 @@ class _Reader:
             placed, matrix = quarter, np.eye(2) * self._nm
         else:
             placed = np.eye(2)
-        name = self._cell(str(dxf.name).upper(), self._name(layer), matrix, block)
+        name = self._cell(str(dxf.name).upper(), self._layers[layer], matrix, block)
         repetition = (columns, rows, steps) if columns * rows > 1 else None
         radians = math.atan2(placed[1, 0], placed[0, 0])
         cell.references.append((name, tuple(origin), radians, 1.0, np.linalg.det(placed) < 0, repetition))
