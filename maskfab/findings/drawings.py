@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from klayout import db
@@ -66,11 +65,8 @@ def _count(entities: Sequence[ReadAs]) -> int:
 
 
 def _told(entities: Sequence[ReadAs]) -> str:
-    counts: Counter[tuple[str, str, str]] = Counter()
-    for one in entities:
-        counts[one.layer, one.kind, one.read_as] += one.count
     told = [
-        f"{count} {kind} on {layer}" + (f" as {read_as}" if read_as else "")
-        for (layer, kind, read_as), count in sorted(counts.items())
+        f"{one.count} {one.kind} on {one.layer}" + (f" as {one.read_as}" if one.read_as else "")
+        for one in sorted(entities, key=lambda one: (one.layer, one.kind, one.read_as))
     ]
     return f"references followed once: {listed(told)}" if told else "of which there are none"

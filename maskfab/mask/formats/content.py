@@ -42,7 +42,7 @@ _ON_GRID_NM = 1e-6
 _FROM_CURVE_NM = 1.0
 """Of chords, before their ends go to the grid."""
 
-_STEP_NM = 1e-3
+STEP_NM = 1e-3
 """Distance of the last copy of an array from the grid that comes from a division, not from its steps."""
 
 _DRIFT_KEY = "maskfab_drift"
@@ -316,10 +316,10 @@ class Conversion:
         for times, step in zip(repetition[:2], repetition[2], strict=True):
             nearest = np.rint(step)
             astray = (times - 1) * float(np.abs(step - nearest).max())
-            if astray > _STEP_NM:
+            if astray > STEP_NM:
                 which = f"copy {times} of cell {self._layout.cell_name(index)} in an array"
                 self._drift = max(self._drift, (astray, which))
-            if times > 1 and (not nearest.any() or astray > _STEP_NM):
+            if times > 1 and (not nearest.any() or astray > STEP_NM):
                 self._count_copies(times * len(places))
                 places = (places[:, None] + np.arange(times)[:, None] * step).reshape(-1, 2)
             elif times > 1:

@@ -16,6 +16,7 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from maskfab.base.model import CHROME, CLEAR, LAYERS
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 from maskfab.job.values import FileFormat
 from maskfab.mask.formats.content import (
+    STEP_NM,
     Conversion,
     has_shapes,
     listed,
@@ -38,7 +40,7 @@ from maskfab.mask.formats.content import (
 )
 from maskfab.mask.formats.drawing import DrawingNotes, LayerFault, ReadAs, drawing_notes, note_drawing
 from maskfab.mask.formats.dxf_process import PASSED_OVER, Drawing, Fault
-from maskfab.mask.formats.dxf_scan import Entity, Unseen, entities
+from maskfab.mask.formats.dxf_scan import IN_PAPER_SPACE, Entity, entities, hiding, out_of_sight
 from maskfab.mask.formats.format import Format, Source, Version
 from maskfab.mask.formats.gdstk_process import cell_content
 from maskfab.mask.layout import (
@@ -60,7 +62,6 @@ from maskfab.mask.layout import (
 from maskfab.mask.process_limits import allow
 from maskfab.mask.sandbox import PATIENCE_S, damaged, read_apart, unusable, wrong_kind
 
-# $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
 _UM_PER_DXF_UNIT = {
     2: 12 * UM_PER_INCH,
     8: 0.0254,
@@ -70,7 +71,7 @@ _UM_PER_DXF_UNIT = {
         for code, unit in {1: "in", 4: "mm", 5: "cm", 6: "m", 9: "mil", 12: "nm", 13: "um"}.items()
     },
 }
-"""Micrometres of $INSUNITS: feet, microinches and decimetres besides units that have a name here."""
+"""Micrometres of $INSUNITS (DXF reference, HEADER section), 0 for no unit: some besides those that have a name here."""
 
 # Comments (group 999) may come before the first section.
 _TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0\s*\r?\n\s*SECTION\s*\r?\n")
@@ -101,7 +102,7 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     del data
     cure = f"tate its --unit: it is read in units of {said_um:g} um"
     try:
-        layout = _read_plain(path, said_um, seen) if seen.plain else _read_apart(path, said_um / DBU_UM, seen)
+        layout = (_read_plain if seen.plain else _read_apart)(path, said_um, seen)
     except SourceError as error:
         if "overflow" not in error.what and "2.1 m" not in error.what:
             raise
@@ -117,15 +118,17 @@ def read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
             raise
         # Too large, or crossing itself once it is rounded to the grid: that is what a wrong unit looks like.
         raise SourceError(error.code, error.what, where=error.where, cure=f"{error.cure}, or s{cure}") from None
-    note_drawing(layout, replace(drawing_notes(layout) or seen.notes, unit_um=said_um, unit_said_by=said_by))
+    notes = drawing_notes(layout)
+    assert notes is not None
+    note_drawing(layout, replace(notes, unit_um=said_um, unit_said_by=said_by))
     return layout
 
 
-def _by_klayout(path: Path, unit_um: float | None = None) -> db.Layout:
-    """A text DXF as klayout alone has it, whatever it draws."""
+def _alone(read: Callable[[Path, float, Seen], db.Layout], path: Path, unit_um: float | None = None) -> db.Layout:
+    """A text DXF as one reader alone has it, whatever it draws."""
     data = path.read_bytes()
     said_um, _ = _stated_unit(path, data, unit_um)
-    return _read_plain(path, said_um, look_through(path, data, said_um / DBU_UM))
+    return read(path, said_um, look_through(path, data, said_um / DBU_UM))
 
 
 def _stated_unit(path: Path, data: bytes, unit_um: float | None) -> tuple[float, str]:
@@ -161,10 +164,9 @@ _HARMLESS = _SHAPELESS | {"SOLID"}
 _DATA = {CLEAR.name, CHROME.name}
 _COUNTING = {*_DATA, "CUT", "0"}
 _CLOSED = 1
-_PAPER = frozenset({b"67"})
 _TILTING = frozenset({b"210", b"220", b"230"})
-_TURNING = _TILTING | {b"41", b"42", b"50", b"102"}
-"""Attributes that place a block at another scale or angle, or clip it by what a dictionary says."""
+_TURNING = _TILTING | {b"41", b"42", b"44", b"45", b"50", b"102"}
+"""Attributes that place a block at another scale or angle, or by steps, or clip it by what a dictionary says."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +179,7 @@ class Seen:
         repeated_vertices: that then repeat the one before; klayout reports neither.
         clear_drawn: whether something lies on a layer that a plate writes, so that others do not count.
         hidden: layers, and what lies out of sight there, in words.
-        kinds: number of entities by the block, in capitals, that they are drawn in, and by kind; without paper space.
-        notes: what became of them, of a plain one.
+        drawn: number of entities by their block in capitals, kind and layer, without those in paper space.
         areas_nm2: of a plain one, the sums of areas and of lengths (nm) on each layer, every reference followed.
     """
 
@@ -187,8 +188,7 @@ class Seen:
     repeated_vertices: int
     clear_drawn: bool
     hidden: tuple[tuple[str, str], ...]
-    kinds: Counter[tuple[str, str]]
-    notes: DrawingNotes
+    drawn: Counter[tuple[str, str, str]]
     areas_nm2: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def counts(self, layer: str) -> bool:
@@ -209,56 +209,51 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Seen:
     clear_drawn = False
     start = _TEXT_DXF_START.match(data)
     plain = start is not None and _HEADED.match(data, start.end()) is not None
-    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
-    drawn, kinds = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
+    grid, layers, hidden_layers = DrawingGrid(nm_per_unit), set[str](), dict[str, str]()
+    drawn = Counter[tuple[str, str, str, str, str]]()
     for entity in entities(data):
         is_entry = entity.kind == "LAYER"
         layers.add(entity.text(2) if is_entry else entity.layer)
         if len(layers) > MOST_LAYERS:
             raise too_many_layers(path)
         if is_entry:
-            unseen.add_layer(entity)
+            hidden_layers[entity.text(2).upper()] = hiding(entity)
             continue
-        copies = 1 + len(entity.copies) // 2
-        drawn[entity.kind, entity.layer] += copies
-        if not entity.says(_PAPER) or entity.number(67) != 1:
-            kinds[(entity.block or "").upper(), entity.kind] += copies
-        if entity.kind not in _SHAPELESS:
-            unseen.add(entity)
-            clear_drawn = clear_drawn or entity.layer.upper() in _DATA
-        plain = plain and _is_plain(entity)
+        placed = entity.text(2).upper() if entity.kind == "INSERT" else ""
+        block = (entity.block or "").upper()
+        drawn[block, entity.kind, entity.layer, placed, out_of_sight(entity)] += 1 + len(entity.copies) // 2
+        clear_drawn = clear_drawn or (entity.kind not in _SHAPELESS and entity.layer.upper() in _DATA)
+        plain = plain and _is_plain(entity, nm_per_unit)
         grid.add(entity)
     _refuse_blocks(path, grid)
-    read_as = tuple(
-        ReadAs(kind, layer, "" if kind in PASSED_OVER else "polygons", count)
-        for (kind, layer), count in sorted(drawn.items())
-        if kind in PASSED_OVER or kind in _LINES or kind == "SOLID"
-    )
-    seen = Seen(plain, 0.0, 0, clear_drawn, (), kinds, DrawingNotes(0.0, "", read_as))
-    hidden = tuple(unseen.hidden_shapes(grid.drawing(seen.counts)))
+    seen = Seen(False, 0.0, 0, clear_drawn, (), _in_model(drawn))
+    used, unseen = grid.drawing(seen.counts), Counter[tuple[str, str]]()
+    for (_, kind, layer, placed, why), count in drawn.items():
+        where = hidden_layers.get(layer.upper(), "")
+        if (why or where) and kind not in _SHAPELESS and (not placed or placed in used):
+            unseen[f"{kind}{why} on {where}layer {layer!r}", layer] += count
+    hidden = tuple((layer, f"{count} x {what}") for (what, layer), count in sorted(unseen.items()))
     if seen.clear_drawn and (counting := [what for layer, what in hidden if seen.counts(layer)]):
         raise _unseen(path, counting)
-    names = [*layers, *grid.names()]
-    if (
-        hidden
-        or not grid.exact()
-        or len({name.upper() for name in names}) < len({*names})
-        or not all(map(_is_plain_name, names))
-    ):
-        plain = False
-    if not plain:
-        return replace(seen, plain=False, hidden=hidden)
-    return replace(
-        seen,
-        rounding_nm=grid.rounding_nm(seen.counts),
-        repeated_vertices=grid.repeated_vertices(seen.counts),
-        areas_nm2=grid.areas(),
-    )
+    names = [*layers, *grid.defined]
+    alike = len({name.upper() for name in names}) == len({*names}) and grid.named <= grid.defined
+    if not plain or hidden or not alike or not all(map(_is_plain_name, names)):
+        return replace(seen, hidden=hidden)
+    rounding_nm, repeated, areas = grid.measured(seen.counts)
+    return replace(seen, plain=True, rounding_nm=rounding_nm, repeated_vertices=repeated, areas_nm2=areas)
 
 
-def _is_plain(entity: Entity) -> bool:
+def _in_model(drawn: Counter[tuple[str, str, str, str, str]]) -> Counter[tuple[str, str, str]]:
+    shown = Counter[tuple[str, str, str]]()
+    for (block, kind, layer, _, why), count in drawn.items():
+        if why != IN_PAPER_SPACE:
+            shown[block, kind, layer] += count
+    return shown
+
+
+def _is_plain(entity: Entity, nm_per_unit: float) -> bool:
     if entity.kind == "INSERT":
-        return not entity.says(_TURNING) or _is_shifted(entity)
+        return not entity.says(_TURNING) or _is_shifted(entity, nm_per_unit)
     if entity.kind not in _LINES:
         return entity.kind in _HARMLESS and not entity.says(_TILTING)
     if entity.says(_TILTING) or not entity.plain_line:
@@ -268,9 +263,16 @@ def _is_plain(entity: Entity) -> bool:
     return not flags & ~(_CLOSED | 128) and (bool(flags & _CLOSED) or _returns(entity))
 
 
-def _is_shifted(entity: Entity) -> bool:
-    turned = entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0
-    return not turned and entity.number(41, 1.0) == entity.number(42, 1.0) == 1
+def _is_shifted(entity: Entity, nm_per_unit: float) -> bool:
+    """Whether a block is neither turned nor scaled nor clipped, and steps of an array are whole nanometres: klayout
+    rounds one step, and adds that up."""
+    if entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0:
+        return False
+    for step, count in ((44, 70), (45, 71)):
+        off = entity.number(step) * nm_per_unit % 1.0
+        if not (entity.number(count, 1.0) - 1) * min(off, 1 - off) <= STEP_NM:
+            return False
+    return entity.number(41, 1.0) == entity.number(42, 1.0) == 1
 
 
 def _is_plain_name(name: str) -> bool:
@@ -308,12 +310,20 @@ def _read_plain(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     layout = read_with_klayout(path, options)
     if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
         raise damaged(path, "something in it is drawn on no layer")
-    _close_lines(layout)
+    empty = _tidy(layout)
     if seen.plain:
         _refuse_other_areas(path, layout, seen)
     number_layers(layout)
     note_rounding(layout, seen.rounding_nm)
-    note_left_out(layout, LeftOut(seen.repeated_vertices, _drop_empty(layout)))
+    note_left_out(layout, LeftOut(seen.repeated_vertices, empty))
+    counts = Counter[tuple[str, str]]()
+    for (_, kind, on), count in seen.drawn.items():
+        if kind in PASSED_OVER or kind in _LINES or kind == "SOLID":
+            counts[kind, on] += count
+    read_as = (
+        ReadAs(*key, "" if key[0] in PASSED_OVER else "polygons", count) for key, count in sorted(counts.items())
+    )
+    note_drawing(layout, DrawingNotes(0.0, "", tuple(read_as)))
     return layout
 
 
@@ -338,10 +348,10 @@ def _refuse_other_areas(path: Path, layout: db.Layout, seen: Seen) -> None:
             raise SourceError("MF316", what, where=str(path), cure=cure)
 
 
-def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
+def _read_apart(path: Path, unit_um: float, seen: Seen) -> db.Layout:
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     script = Path(__file__).with_name("dxf_process.py")
-    drawing: Drawing = read_apart(path, script, repr(nm_per_unit), kind=Drawing, seconds=seconds)
+    drawing: Drawing = read_apart(path, script, repr(unit_um / DBU_UM), kind=Drawing, seconds=seconds)
     _refuse_different(path, seen, drawing)
     plate = {layer.name: layer_info(layer) for layer in LAYERS}
     named = [plate.get(name.upper()) or _numbered(name, drawing.layers) for name in drawing.layers]
@@ -354,8 +364,8 @@ def _read_apart(path: Path, nm_per_unit: float, seen: Seen) -> db.Layout:
         raise unusable(path, error) from error
     note_left_out(layout, replace(left_out(layout), curves=drawing.curves))
     note_rounding(layout, max(rounding_nm(layout), drawing.rounding_nm))
-    notes = replace(seen.notes, read_as=drawing.read_as, gap_nm=drawing.gap_nm)
-    note_drawing(layout, replace(notes, faults=_faults(path, layout, seen, drawing.faults)))
+    faults = _faults(path, layout, seen, drawing.faults)
+    note_drawing(layout, DrawingNotes(0.0, "", drawing.read_as, faults, drawing.gap_nm))
     return layout
 
 
@@ -375,9 +385,12 @@ def _numbered(name: str, names: Sequence[str]) -> db.LayerInfo:
 def _refuse_different(path: Path, seen: Seen, drawing: Drawing) -> None:
     """Refuse a drawing of which one of both readers leaves something out. Raises SourceError MF316."""
     found = Counter({(block, kind): count for block, kind, count in drawing.counted})
-    read = {block for block, _ in found}
-    for block, kind in sorted({*found, *(key for key in seen.kinds if key[0] in read)}):
-        one, other = seen.kinds[block, kind], found[block, kind]
+    read, said = {block for block, _ in found}, Counter[tuple[str, str]]()
+    for (block, kind, _), count in seen.drawn.items():
+        if block in read:
+            said[block, kind] += count
+    for block, kind in sorted({*found, *said}):
+        one, other = said[block, kind], found[block, kind]
         if one != other and kind not in PASSED_OVER | _SHAPELESS:
             where = f"block {block!r}" if block else "the drawing itself"
             what = f"{path.name} has {one} {kind} in {where} by its text and {other} for ezdxf"
@@ -429,28 +442,20 @@ def _unseen(path: Path, hidden: Sequence[str]) -> SourceError:
     return SourceError("MF317", what, where=str(path), cure=cure)
 
 
-def _drop_empty(layout: db.Layout) -> int:
-    """Take polygons without area out, and count them."""
+def _tidy(layout: db.Layout) -> int:
+    """Make polygons of lines without width that end where they began, which a SOLID beside them does not change; take
+    polygons without area out, and count them."""
     dropped = 0
-    for layer in layout.layer_indexes():
-        for cell in layout.each_cell():
-            shapes = cell.shapes(layer)
-            flat = [polygon for polygon in shapes.each(db.Shapes.SPolygons) if polygon.area() == 0]
-            for shape in [polygon for polygon in flat if is_empty(polygon.polygon)]:
-                shapes.erase(shape)
-                dropped += 1
+    for shapes in (cell.shapes(layer) for layer in layout.layer_indexes() for cell in layout.each_cell()):
+        for shape in list(shapes.each(db.Shapes.SPaths)):
+            points = list(shape.each_point())
+            if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
+                shapes.replace(shape, db.Polygon(points[:-1]))
+        flat = [polygon for polygon in shapes.each(db.Shapes.SPolygons) if polygon.area() == 0]
+        for shape in [polygon for polygon in flat if is_empty(polygon.polygon)]:
+            shapes.erase(shape)
+            dropped += 1
     return dropped
-
-
-def _close_lines(layout: db.Layout) -> None:
-    """Make polygons of lines without width that end where they began; a SOLID beside them changes nothing."""
-    for layer in layout.layer_indexes():
-        for cell in layout.each_cell():
-            shapes = cell.shapes(layer)
-            for shape in list(shapes.each(db.Shapes.SPaths)):
-                points = list(shape.each_point())
-                if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
-                    shapes.replace(shape, db.Polygon(points[:-1]))
 
 
 _ON_GRID_NM = 1e-4
@@ -464,7 +469,11 @@ _DRAWING = "\n"
 
 
 class DrawingGrid:
-    """Coordinates and blocks of a drawing, collected entity by entity, in nanometres; names of blocks in capitals."""
+    """Coordinates and blocks of a drawing, collected entity by entity; names of blocks in capitals.
+
+    Attributes:
+        defined, named: names of blocks where they are drawn, and where they are placed, as they are written.
+    """
 
     def __init__(self, nm_per_unit: float) -> None:
         self._scale = nm_per_unit
@@ -472,18 +481,20 @@ class DrawingGrid:
         self._bases: dict[str, tuple[float, float]] = {}
         self._placed: dict[str, dict[str, array[float]]] = defaultdict(lambda: defaultdict(lambda: array("d")))
         self._times: dict[str, dict[tuple[str, str], float]] = defaultdict(lambda: defaultdict(float))
-        self._defined, self._named = set[str](), set[str]()
+        self.defined, self.named = set[str](), set[str]()
 
     def add(self, entity: Entity) -> None:
         """Take the coordinates of an entity that draws, places or begins a block; others have none that count."""
         block = _DRAWING if entity.block is None else entity.block.upper()
         if entity.kind == "BLOCK" and not int(entity.number(70)) & _ELSEWHERE:
             self._bases[block] = entity.number(10), entity.number(20)
-            self._defined.add(entity.text(2))
+            self.defined.add(entity.text(2))
         elif entity.kind == "INSERT":
             name = entity.text(2)
-            self._named.add(name)
-            self._placed[block][name.upper()].extend(_places(entity))
+            self.named.add(name)
+            placed = self._placed[block][name.upper()]
+            placed.extend((entity.number(10), entity.number(20)))
+            placed.extend(entity.copies)
             columns, rows = (max(1.0, abs(entity.number(code, 1.0))) for code in (70, 71))
             self._times[block][name.upper(), entity.layer.upper()] += (1 + len(entity.copies) // 2) * columns * rows
         elif entity.kind == "SOLID":
@@ -493,14 +504,6 @@ class DrawingGrid:
             self._lines[block, entity.layer].add(*entity.points())
         elif entity.kind not in _SHAPELESS:
             self._lines[block, entity.layer].add([], [])
-
-    def names(self) -> set[str]:
-        """Names of blocks, as they are defined."""
-        return self._defined
-
-    def exact(self) -> bool:
-        """Whether blocks are placed by the names that they have, in the same letters."""
-        return self._named <= self._defined
 
     def cycle(self) -> list[str]:
         """Names of blocks each of which contains the next, the last the first; empty if there are none."""
@@ -513,7 +516,7 @@ class DrawingGrid:
 
     def lacking(self) -> list[str]:
         """Blocks that are placed and not there."""
-        return sorted(name for name in self._named if name.upper() not in self._bases)
+        return sorted(name for name in self.named if name.upper() not in self._bases)
 
     def _graph(self) -> dict[str, set[str]]:
         return {
@@ -530,65 +533,41 @@ class DrawingGrid:
                 blocks.add(block)
         return blocks - {_DRAWING}
 
-    def rounding_nm(self, counts: Callable[[str], bool]) -> float:
-        """The largest distance by which klayout moves a coordinate, seen in the drawing."""
-        own: dict[str, float] = {}
-        for (block, layer), lines in self._lines.items():
-            if counts(layer):
-                values = np.concatenate(lines.points())
-                own[block] = max(own.get(block, 0.0), self._rounding(values))
-        # A block that draws nothing that counts has no rounding at all, and where it is placed does not count.
-        roundings_nm: dict[str, float] = {}
-        for block in TopologicalSorter(self._graph()).static_order():
-            roundings = [own[block]] if block in own else []
-            for name, places in self._placed.get(block, {}).items():
-                if name in roundings_nm:
-                    roundings += [self._rounding(np.array(places)), roundings_nm[name]]
-            if roundings:
-                roundings_nm[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
-        return roundings_nm.get(_DRAWING, 0.0)
+    def measured(self, counts: Callable[[str], bool]) -> tuple[float, int, dict[str, tuple[float, float]]]:
+        """Largest distance by which klayout moves a coordinate (nm), vertices that then repeat the one before, and sums
+        of the areas (nm^2) and of the lengths (nm) of all outlines on each layer, by its name in capitals.
 
-    def areas(self) -> dict[str, tuple[float, float]]:
-        """Sums of the areas (nm^2) and of the lengths (nm) of all outlines on each layer, by its name in capitals,
-        every reference followed.
-
-        What a block has on layer 0 lies on the layer of its reference.
+        Areas follow every reference; what a block has on layer 0 lies on the layer of that. A block that draws nothing
+        that counts has no rounding at all, and where it is placed does not count.
         """
-        own: dict[str, dict[str, Floats]] = defaultdict(lambda: defaultdict(lambda: np.zeros(2)))
+        own: dict[str, dict[str, Floats]] = defaultdict(lambda: defaultdict(lambda: np.zeros(3)))
+        roundings_nm, repeated = dict[str, float](), 0
         for (block, layer), lines in self._lines.items():
-            own[block][layer.upper()] = own[block][layer.upper()] + lines.area(self._scale)
+            measured, rounding_nm = lines.measured(self._scale)
+            own[block][layer.upper()] += measured
+            if counts(layer):
+                roundings_nm[block] = max(roundings_nm.get(block, 0.0), rounding_nm)
+                repeated += int(measured[2])
         for block in TopologicalSorter(self._graph()).static_order():
             for (name, on), times in self._times.get(block, {}).items():
-                for layer, area in own.get(name, {}).items():
-                    on_layer = on if layer == "0" else layer
-                    own[block][on_layer] = own[block][on_layer] + times * area
-        return {layer: (float(area), float(length)) for layer, (area, length) in own.get(_DRAWING, {}).items()}
-
-    def repeated_vertices(self, counts: Callable[[str], bool]) -> int:
-        """Vertices that lie on the one before once they are rounded; a line may end where it began."""
-        return sum(lines.repeated(self._scale) for (_, layer), lines in self._lines.items() if counts(layer))
-
-    def _rounding(self, values: Floats) -> float:
-        scaled = _scaled(values, self._scale)
-        scaled = scaled[np.isfinite(scaled)]
-        largest = float(np.abs(scaled - np.rint(scaled)).max(initial=0.0))
-        return largest if largest > _ON_GRID_NM else 0.0
+                for layer, sums in own.get(name, {}).items():
+                    own[block][on if layer == "0" else layer] += times * sums
+            for name in self._placed.get(block, {}).keys() & roundings_nm.keys():
+                places_nm = _rounding_nm(np.array(self._placed[block][name]), self._scale)
+                roundings_nm[block] = max(roundings_nm.get(block, 0.0), places_nm, roundings_nm[name])
+            if block in roundings_nm:
+                base_nm = _rounding_nm(np.array(self._bases.get(block, (0.0, 0.0))), self._scale)
+                roundings_nm[block] = max(roundings_nm[block], base_nm)
+        areas = {layer: (float(sums[0]), float(sums[1])) for layer, sums in own[_DRAWING].items()}
+        return roundings_nm.get(_DRAWING, 0.0), repeated, areas
 
 
-def _scaled(values: Floats, scale: float) -> Floats:
-    """Coordinates in database units; who reads the polygons refuses those that are too large for any."""
-    with np.errstate(over="ignore"):
-        return values * scale
-
-
-def _places(reference: Entity) -> array[float]:
-    """Coordinates of a reference, of those like it, and the steps of its array."""
-    places = array("d", [reference.number(10), reference.number(20)])
-    places.extend(reference.copies)
-    for step, count in ((44, 70), (45, 71)):
-        if abs(reference.number(count, 1.0)) > 1:
-            places.append(reference.number(step))
-    return places
+def _rounding_nm(values: Floats, scale: float) -> float:
+    """Who reads the polygons refuses coordinates that are too large for any."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(values * scale - np.rint(values * scale))
+    largest = float(off.max(initial=0.0, where=np.isfinite(off)))
+    return largest if largest > _ON_GRID_NM else 0.0
 
 
 class _Lines:
@@ -604,30 +583,25 @@ class _Lines:
         if count:
             self._last.append(len(self._x) - 1)
 
-    def points(self) -> tuple[Floats, Floats]:
-        return np.array(self._x), np.array(self._y)
-
-    def area(self, scale: float) -> Floats:
-        """Sums of the areas of all lines, on the grid, and of their lengths along both axes."""
-        x, y = (np.rint(_scaled(values, scale)) for values in self.points())
+    def measured(self, scale: float) -> tuple[Floats, float]:
+        """Sums of the areas of all lines, on the grid, of their lengths along both axes, and of vertices that repeat
+        others; and the largest distance to the grid."""
         ends = np.array(self._last, dtype=np.int64)
         if not len(ends):
-            return np.zeros(2)
-        starts, after = np.append(0, ends[:-1] + 1), np.arange(1, len(x) + 1)
-        after[ends] = starts
-        # About each line's first corner, so that nothing is lost in large products.
-        counts = np.diff(np.append(starts, len(x)))
+            return np.zeros(3), 0.0
         with np.errstate(over="ignore", invalid="ignore"):
+            drawn = np.array([np.array(self._x), np.array(self._y)])
+            x, y = np.rint(drawn * scale)
+            starts, after = np.append(0, ends[:-1] + 1), np.arange(1, len(x) + 1)
+            after[ends] = starts
+            # About each line's first corner, so that nothing is lost in large products.
+            counts = np.diff(np.append(starts, len(x)))
             u, v = (values - np.repeat(values[starts], counts) for values in (x, y))
             areas = np.abs(np.add.reduceat(u * v[after] - u[after] * v, starts)) / 2
-            return np.array([areas.sum(), np.abs(u[after] - u).sum() + np.abs(v[after] - v).sum()])
-
-    def repeated(self, scale: float) -> int:
-        x, y = (np.rint(_scaled(values, scale)) for values in self.points())
-        same = (x[1:] == x[:-1]) & (y[1:] == y[:-1])
-        # Between the last vertex of a line and the first of the next there is no edge.
-        same[np.array(self._last[:-1], dtype=np.int64)] = False
-        return int(same.sum())
+            steps = np.abs(u[after] - u) + np.abs(v[after] - v)
+            # A line may end where it began.
+            repeated = np.count_nonzero(np.delete(steps, ends) == 0)
+            return np.array([areas.sum(), steps.sum(), repeated]), _rounding_nm(drawn, scale)
 
 
 def _format(name: FileFormat, version: Version) -> Format:
@@ -642,7 +616,7 @@ def _format(name: FileFormat, version: Version) -> Format:
         f"_{version}.dxf",
         write_plate=write,
         read=read_dxf,
-        readers=(("klayout", _by_klayout),),
+        readers=(("klayout", partial(_alone, _read_plain)), ("ezdxf", partial(_alone, _read_apart))),
         suffixes=(".dxf",),
         layers="named",
         notes=True,

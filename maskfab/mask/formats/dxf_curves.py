@@ -8,6 +8,7 @@ their control points, and of rational ones follow by the rule of quotients.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -23,7 +24,7 @@ CHORD_NM = 1.0
 LONE_TIMES = 10
 """Times that ends which lie alone may be further apart than others: no other line could be meant."""
 
-_FEWEST = 8
+_FEWEST, _MOST_STEPS = 8, 1000
 _LARGEST_MITRE = 4.0
 """Length of a mitre over half the width of a line, from where on its corner is cut off (bevelled)."""
 
@@ -32,7 +33,7 @@ def conic(centre: Floats, along: Floats, across: Floats, start: float, stop: flo
     """Points [n, 2] of ``centre + along cos t + across sin t`` from ``start`` to ``stop``, in radians.
 
     Args:
-        beside_nm: how far outside of it a line is to stay as close to its curve.
+        beside_nm: by how much the second derivative of a line beside it is larger.
     """
     largest = float(np.linalg.norm(np.stack([along, across]), 2)) + beside_nm
     steps = abs(stop - start) * math.sqrt(largest / (8 * CHORD_NM))
@@ -41,24 +42,28 @@ def conic(centre: Floats, along: Floats, across: Floats, start: float, stop: flo
     return points
 
 
-def bulged(start: Floats, end: Floats, bulge: float, matrix: Floats, beside_nm: float = 0.0) -> Floats:
+def bulged(
+    start: Floats, end: Floats, bulge: float, matrix: Floats, halves_nm: tuple[float, float] = (0.0, 0.0)
+) -> Floats:
     """Points [n, 2] from one vertex of a line to the next, on the arc whose quarter angle has the tangent ``bulge``.
 
     Args:
         start, end: in units of the drawing.
         matrix: nanometres from there [2, 2].
-        beside_nm: as of :func:`conic`.
+        halves_nm: half the width of the line at both, between which it grows evenly.
     """
     near, far = complex(*start), complex(*end)
-    chord = far - near
+    chord, turn, widest = far - near, 4 * math.atan(bulge), max(halves_nm)
     ends = np.stack([start, end]) @ matrix.T
     # As flat as the chords of all else: its centre may lie so far away that nothing of it would be exact.
-    if abs(bulge) * abs(chord) / 2 * np.linalg.norm(matrix, 2) <= CHORD_NM:
+    if abs(bulge) * (abs(chord) / 2 * np.linalg.norm(matrix, 2) + 2 * widest) <= CHORD_NM:
         return ends
     middle = (near + far) / 2 + 0.5j * chord * (1 - bulge**2) / (2 * bulge)
     radius, angle = abs(near - middle), math.atan2((near - middle).imag, (near - middle).real)
     centre = matrix @ np.array([middle.real, middle.imag])
-    points = conic(centre, radius * matrix[:, 0], radius * matrix[:, 1], angle, angle + 4 * math.atan(bulge), beside_nm)
+    # The side p + h n of a line that grows by h' a radian curves by 2 h' besides r + h.
+    beside_nm = widest + 2 * abs(halves_nm[1] - halves_nm[0]) / abs(turn)
+    points = conic(centre, radius * matrix[:, 0], radius * matrix[:, 1], angle, angle + turn, beside_nm)
     points[0], points[-1] = ends
     return points
 
@@ -95,7 +100,8 @@ def _blossom(hull: Floats, knots: Floats, k: int, at: Sequence[float]) -> Floats
 
 
 def _bezier(hull: Floats) -> Floats:
-    """Points of a rational Bezier curve of homogeneous control points [degree + 1, 3]."""
+    """Points of a rational Bezier curve of homogeneous control points [degree + 1, 3]; in halves where one bound on its
+    second derivative, which weights of all sizes make large, would be none."""
     degree, weight = len(hull) - 1, hull[:, 2:]
     origin = (hull[:, :2] / weight).mean(axis=0)
     moved = hull[:, :2] - weight * origin
@@ -108,7 +114,15 @@ def _bezier(hull: Floats) -> Floats:
 
     first = (derivative(moved, 1) + derivative(weight, 1) * reach) / least
     second = (derivative(moved, 2) + 2 * derivative(weight, 1) * first + derivative(weight, 2) * reach) / least
-    t = np.linspace(0.0, 1.0, max(1, math.ceil(math.sqrt(second / (8 * CHORD_NM)))) + 1)
+    steps = math.ceil(math.sqrt(second / (8 * CHORD_NM)))
+    if steps > _MOST_STEPS:
+        rest, first_half, second_half = hull, [], []
+        while len(rest):
+            first_half.append(rest[0])
+            second_half.append(rest[-1])
+            rest = (rest[:-1] + rest[1:]) / 2
+        return np.concatenate([_bezier(np.array(first_half))[:-1], _bezier(np.array(second_half[::-1]))])
+    t = np.linspace(0.0, 1.0, max(1, steps) + 1)
     terms = np.stack([comb(degree, j) * t**j * (1 - t) ** (degree - j) for j in range(degree + 1)], axis=1)
     points: Floats = origin + (terms @ moved) / (terms @ weight)
     return points
@@ -211,33 +225,34 @@ def _near(points: Floats, within: float) -> list[int]:
     return [root(number) for number in range(len(points))]
 
 
-def wide_line(points: Floats, widths: Floats, *, closed: bool) -> Iterator[Floats]:
-    """Outlines that together are a line with a width: one for each straight piece, and the corners between them.
+def wide_line(rows: Floats, *, closed: bool) -> Iterator[Floats]:
+    """Outlines that together are a line with a width: those of its pieces, and corners between them.
 
-    Ends are cut off square. Corners are mitred where both pieces are as wide there, and else, or where the mitre would
-    be longer than :data:`_LARGEST_MITRE` half widths, cut off between the corners of both pieces.
+    Ends are cut off square. Corners are mitred where both pieces are as wide, and else, or where the mitre would be
+    longer than :data:`_LARGEST_MITRE` half widths, cut off between the corners of both pieces.
 
     Args:
-        points: [n, 2] in nanometres, none twice in a row; of a closed line the first comes again.
-        widths: [n - 1, 2] of each piece at its beginning and its end.
+        rows: [n, 5] x, y, width at the start and at the end, in nanometres, and bulge; of a closed line the first comes
+            again.
     """
-    along = np.diff(points, axis=0)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    left = np.column_stack([-along[:, 1], along[:, 0]])
-    sides = np.array(
-        [[points[:-1] + s * left * widths[:, :1] / 2, points[1:] + s * left * widths[:, 1:] / 2] for s in (1, -1)]
-    )
-    count = len(along)
-    for i in range(count if closed else count - 1):
-        j = (i + 1) % count
-        turn = left[i] + left[j]
-        flat = float(turn @ turn) / 2  # 1 + the cosine of the turn
-        if widths[i, 1] == widths[j, 0] == widths[i, 0] == widths[j, 1] and flat * _LARGEST_MITRE**2 >= 2:
-            # Both sides meet there, and the straight pieces end at the mitre.
-            for side, s in enumerate((1, -1)):
-                sides[side, 1, i] = sides[side, 0, j] = points[i + 1] + s * turn / flat * widths[i, 1] / 2
-        else:
-            for side in (0, 1):
-                yield np.stack([points[i + 1], sides[side, 1, i], sides[side, 0, j]])
-    for i in range(count):
-        yield np.stack([sides[0, 0, i], sides[0, 1, i], sides[1, 1, i], sides[1, 0, i]])
+    legs: list[tuple[Floats, Floats, Floats]] = []
+    for one, next_one in itertools.pairwise(rows):
+        (x, y), halves, bulge = next_one[:2] - one[:2], one[2:4] / 2, one[4]
+        if x or y:
+            spine = bulged(one[:2], next_one[:2], bulge, np.eye(2), (halves[0], halves[1]))
+            turn = 2 * math.atan(bulge) if len(spine) > 2 else 0.0
+            across = math.atan2(x, -y) + np.linspace(-turn, turn, len(spine))
+            left = np.column_stack([np.cos(across), np.sin(across)])
+            legs.append((spine, left, np.linspace(halves[0], halves[1], len(spine))))
+    for spine, left, half in legs:
+        one_side, other_side = spine + left * half[:, None], spine - left * half[:, None]
+        for k in range(len(spine) - 1):
+            yield np.stack([one_side[k], one_side[k + 1], other_side[k + 1], other_side[k]])
+    for (spine, left, half), (_, next_left, next_half) in itertools.pairwise([*legs, *legs[:closed]]):
+        at, one, other = spine[-1], left[-1], next_left[0]
+        outside = -math.copysign(1.0, one[0] * other[1] - one[1] * other[0])
+        corners = [at, at + outside * one * half[-1], at + outside * other * next_half[0]]
+        flat = 1 + float(one @ other)
+        if half[0] == half[-1] == next_half[0] == next_half[-1] and flat * _LARGEST_MITRE**2 >= 2:
+            corners.insert(2, at + outside * (one + other) / flat * half[0])
+        yield np.stack(corners)

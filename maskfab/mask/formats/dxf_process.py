@@ -35,7 +35,7 @@ _MOST_CORNERS, _MOST_CELLS, _SECONDS = 20_000_000, 20_000, 20
 _GAP_UNITS, _NARROWEST_NM, _WIDEST_NM = 1e-4, 2.0, 100.0
 """Ends of lines that lie so close are joined: a ten-thousandth of the drawing's unit, within these bounds."""
 
-_IN_PLANE, _STRAIGHT, _ON_GRID_NM = 1e-9, 1e-12, 1e-4
+_IN_PLANE, _STRAIGHT, _ON_GRID_NM, _MOST_WEIGHT = 1e-9, 1e-12, 1e-4, 1e9
 _MIRRORED = np.diag([-1.0, 1.0])
 _TEXTS = {"TEXT", "MTEXT"}
 PASSED_OVER = {
@@ -43,6 +43,11 @@ PASSED_OVER = {
     "MLEADER", "TOLERANCE", "VIEWPORT", "RAY", "XLINE", "ACAD_TABLE",
 }  # fmt: skip
 """Notes for people, and lines without end."""
+_STYLES = (
+    ("even-odd", "fills, islands left open"),
+    ("outermost", "fills between the outer boundary and its islands"),
+    ("union", "fills that ignore islands"),
+)
 _AREALESS = {"POINT", "MLINE"}
 
 
@@ -103,19 +108,17 @@ class _Cell:
         placed: Floats = whole @ (self.matrix if matrix is None else matrix).T - self.matrix @ self.base
         return placed
 
-    def content(self) -> dict[str, Any]:
+    def arrays(self) -> CellArrays:
         corners = [points for _, points in self.outlines]
-        return {
-            "name": self.name,
-            "polygons": {
-                "corners": np.concatenate([np.empty((0, 2)), *corners]),
-                "sizes": np.array([len(points) for points in corners], dtype=np.int64),
-                "layers": np.array([(layer, 0) for layer, _ in self.outlines], dtype=np.int64).reshape(-1, 2),
-                "repetitions": {},
-            },
-            "labels": self.labels,
-            "references": self.references,
+        polygons = {
+            "corners": np.concatenate([np.empty((0, 2)), *corners]),
+            "sizes": np.array([len(points) for points in corners], dtype=np.int64),
+            "layers": np.array([(layer, 0) for layer, _ in self.outlines], dtype=np.int64).reshape(-1, 2),
+            "repetitions": {},
         }
+        return cell_arrays(
+            {"name": self.name, "polygons": polygons, "labels": self.labels, "references": self.references}
+        )
 
 
 class _UnreadableError(Exception):
@@ -130,7 +133,8 @@ class _Reader:
     def __init__(self, path: Path, document: Any, nm_per_unit: float) -> None:
         self._path, self._document, self._nm = path, document, nm_per_unit
         self._gap_limit = min(max(_GAP_UNITS * nm_per_unit, _NARROWEST_NM), _WIDEST_NM)
-        self._layers: dict[str, tuple[int, str]] = {}
+        self._layers: list[str] = []
+        self._places: dict[str, int] = {}
         self._cells: dict[_Key, _Cell] = {}
         self._names = set[str]()
         self._todo: list[tuple[_Cell, Any]] = []
@@ -143,13 +147,13 @@ class _Reader:
         self._kinds: dict[str, Callable[[_Cell, Any, int], str]] = {
             "LWPOLYLINE": self._lwpolyline,
             "POLYLINE": self._polyline,
-            "CIRCLE": self._circle,
-            "ARC": self._arc,
-            "ELLIPSE": self._ellipse,
+            "CIRCLE": self._round,
+            "ARC": self._round,
+            "ELLIPSE": self._round,
             "SPLINE": self._spline,
             "LINE": self._line,
-            "SOLID": self._solid,
-            "TRACE": self._solid,
+            "SOLID": self._face,
+            "TRACE": self._face,
             "3DFACE": self._face,
             "HATCH": self._hatch,
             "INSERT": self._insert,
@@ -169,10 +173,10 @@ class _Reader:
                 self._take(cell, entity)
             for layer in list(cell.pieces):
                 self._join(cell, layer)
-            contents.append(cell_arrays(cell.content()))
+            contents.append(cell.arrays())
         return Drawing(
             tuple(contents),
-            tuple(name for _, name in self._layers.values()),
+            tuple(self._layers),
             tuple(ReadAs(kind, layer, read_as, n) for (kind, layer, read_as), n in sorted(self._fates.items())),
             tuple(
                 Fault(code, kind, layer, n, place)
@@ -191,16 +195,16 @@ class _Reader:
         name = decode_dxf_unicode(str(entity.dxf.get("layer", "0")))
         name = cell.layer if name == "0" else name
         name.encode()  # refuses what is no text
-        return self._layers.setdefault(name.upper(), (len(self._layers), name))[0]
-
-    def _name(self, layer: int) -> str:
-        return [name for _, name in self._layers.values()][layer]
+        place = self._places.setdefault(name.upper(), len(self._layers))
+        if place == len(self._layers):
+            self._layers.append(name)
+        return place
 
     def _take(self, cell: _Cell, entity: Any) -> None:
         kind, layer = entity.dxftype(), self._layer(entity, cell)
         if entity.dxf.get("invisible", 0) or entity.dxf.get("paperspace", 0):
             return  # told by who looks for what is out of sight
-        if kind in _TEXTS:
+        if kind in _TEXTS and _facing(entity):
             ((x, y),) = np.rint(cell.at([entity.dxf.insert], self._plane(cell, entity)))
             cell.labels.append((str(entity.dxf.get("text", "") or "text")[:80], (x, y), layer, 0, None))
         if kind in PASSED_OVER:
@@ -211,7 +215,7 @@ class _Reader:
                 raise _UnreadableError("MF310" if kind in _AREALESS else "MF311", kind)
             read_as = self._kinds[kind](cell, entity, layer)
         except _UnreadableError as fault:
-            self._blame(entity, layer, fault.code, fault.what, cell)
+            self._blame(entity, layer, fault.code, fault.what, "" if cell.name == "TOP" else f"in block {cell.name}")
         else:
             if read_as:
                 self._tell(entity, layer, read_as)
@@ -219,20 +223,19 @@ class _Reader:
     def _tell(self, entity: Any, layer: int, read_as: str) -> None:
         if (entity, layer) not in self._told:  # in a block that is drawn by several maps
             self._told.add((entity, layer))
-            self._fates[entity.dxftype(), self._name(layer), read_as] += 1
+            self._fates[entity.dxftype(), self._layers[layer], read_as] += 1
 
-    def _blame(self, entity: Any, layer: int, code: str, what: str, cell: _Cell, place: str = "") -> None:
+    def _blame(self, entity: Any, layer: int, code: str, what: str, place: str) -> None:
         if (entity, layer) not in self._told:
             self._told.add((entity, layer))
-            where = f"in block {cell.name}" if cell.name != "TOP" and not place else place
-            self._faults.setdefault((code, what, self._name(layer)), [0, where])[0] += 1
+            self._faults.setdefault((code, what, self._layers[layer]), [0, place])[0] += 1
 
     def _plane(self, cell: _Cell, entity: Any) -> Floats:
         """Map of an entity whose coordinates are those of its own plane, which may be seen from below."""
-        x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
-        if not math.hypot(x, y) < _IN_PLANE * abs(z):
+        facing = _facing(entity)
+        if not facing:
             raise _UnreadableError("MF317", f"{entity.dxftype()} out of the plane")
-        return cell.matrix @ _MIRRORED if z < 0 else cell.matrix
+        return cell.matrix @ _MIRRORED if facing < 0 else cell.matrix
 
     def _draw(self, cell: _Cell, layer: int, points: Floats) -> None:
         self._corners += len(points)
@@ -247,10 +250,7 @@ class _Reader:
     def _fill(self, cell: _Cell, layer: int, loops: Sequence[Floats], style: str) -> None:
         if len(loops) == 1:
             self._draw(cell, layer, loops[0])
-        else:
-            self._unite(cell, layer, loops, style)
-
-    def _unite(self, cell: _Cell, layer: int, loops: Sequence[Floats], style: str) -> None:
+            return
         for loop in loops:
             off = float(np.abs(loop - np.rint(loop)).max())
             self._rounding_nm = max(self._rounding_nm, off if off > _ON_GRID_NM else 0.0)
@@ -286,14 +286,11 @@ class _Reader:
         chains = Chains([points for _, points in found.values()], self._gap_limit)
         faults, used = chains.faults, set[int]()
         for loops, pieces, met in chains.groups:
-            if met is None:
-                self._draw(cell, layer, loops[0])
-            elif _is_open_within(loops):
+            if met is not None and _is_open_within(loops):
                 faults.append(met)
-                continue
             else:
-                self._unite(cell, layer, loops, "even-odd")
-            used.update(pieces)
+                self._fill(cell, layer, loops, "even-odd")
+                used.update(pieces)
         self._gap_nm = max(self._gap_nm, chains.gap_nm)
         place = ""
         if faults:
@@ -310,53 +307,41 @@ class _Reader:
                 self._tell(entity, layer, "a part of an outline")
             else:
                 kind = entity.dxftype()
-                self._blame(
-                    entity,
-                    layer,
-                    "MF310",
-                    f"open {kind}" if kind.endswith("LINE") and kind != "LINE" else kind,
-                    cell,
-                    place,
-                )
+                what = f"open {kind}" if kind.endswith("LINE") and kind != "LINE" else kind
+                self._blame(entity, layer, "MF310", what, place)
 
     # --- kinds of entities; each says what it was read as, and pieces only once they are joined ----------------------
 
-    def _circle(self, cell: _Cell, entity: Any, layer: int) -> str:
-        self._curve(cell, layer, self._arc_points(cell, entity, 0.0, 2 * math.pi)[:-1])
-        return "curves"
-
-    def _arc(self, cell: _Cell, entity: Any, layer: int) -> str:
-        start, stop = _turn(math.radians(entity.dxf.start_angle), math.radians(entity.dxf.end_angle))
-        return self._arc_piece(cell, layer, entity, self._arc_points(cell, entity, start, stop))
-
-    def _arc_points(self, cell: _Cell, entity: Any, start: float, stop: float) -> Floats:
-        matrix, radius = self._plane(cell, entity), float(entity.dxf.radius)
-        if not 0 <= radius < math.inf:
-            raise _UnreadableError("MF303", f"{entity.dxftype()} of radius {radius:g}")
-        self._refuse_large(radius * float(np.linalg.norm(matrix, 2)))
-        (centre,) = cell.at([entity.dxf.center], matrix)
-        return conic(centre, radius * matrix[:, 0], radius * matrix[:, 1], start, stop)
-
-    def _refuse_large(self, reach_nm: float) -> None:
-        if not reach_nm <= 2**31:
-            raise SourceError(
-                "MF313", f"{self._path.name} reaches beyond 2.1 m", where=str(self._path), cure="State its --unit"
-            )
-
-    def _ellipse(self, cell: _Cell, entity: Any, layer: int) -> str:
-        x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
-        major = np.array(tuple(entity.dxf.major_axis)[:2])
-        if not math.hypot(x, y) < _IN_PLANE * abs(z):
-            raise _UnreadableError("MF317", "ELLIPSE out of the plane")
-        minor = np.array([-major[1], major[0]]) * math.copysign(entity.dxf.ratio, z)
-        self._refuse_large(float(np.linalg.norm(cell.matrix, 2) * np.linalg.norm(major)))
-        (centre,) = cell.at([entity.dxf.center])
-        start, stop = _turn(entity.dxf.start_param, entity.dxf.end_param)
-        points = conic(centre, cell.matrix @ major, cell.matrix @ minor, start, stop)
+    def _round(self, cell: _Cell, entity: Any, layer: int) -> str:
+        matrix, dxf, start, stop = self._plane(cell, entity), entity.dxf, 0.0, 2 * math.pi
+        if entity.dxftype() == "ELLIPSE":  # in the plane of the drawing, around its own direction
+            matrix = cell.matrix
+            major = np.array(tuple(dxf.major_axis)[:2])
+            minor = np.array([-major[1], major[0]]) * dxf.ratio * _facing(entity)
+            start, stop = _turn(dxf.start_param, dxf.end_param)
+        else:
+            if not 0 <= dxf.radius < math.inf:
+                raise _UnreadableError("MF303", f"{entity.dxftype()} of radius {dxf.radius:g}")
+            major, minor = np.eye(2) * dxf.radius
+            if entity.dxftype() == "ARC":
+                start, stop = _turn(math.radians(dxf.start_angle), math.radians(dxf.end_angle))
+        points = self._conic(cell, dxf.center, matrix, major, minor, (start, stop))
         if stop - start < 2 * math.pi:
             return self._arc_piece(cell, layer, entity, points)
         self._curve(cell, layer, points[:-1])
         return "curves"
+
+    def _conic(
+        self, cell: _Cell, at: Any, matrix: Floats, major: Floats, minor: Floats, turn: tuple[float, float]
+    ) -> Floats:
+        self._refuse_large(float(np.linalg.norm(matrix, 2) * np.linalg.norm(major)))
+        (centre,) = cell.at([tuple(at)], matrix)
+        return conic(centre, matrix @ major, matrix @ minor, *turn)
+
+    def _refuse_large(self, reach_nm: float) -> None:
+        if not reach_nm <= 2**31:
+            what = f"{self._path.name} reaches beyond 2.1 m"
+            raise SourceError("MF313", what, where=str(self._path), cure="State its --unit")
 
     def _spline(self, cell: _Cell, entity: Any, layer: int) -> str:
         points = self._spline_points(cell, entity.control_points, entity.weights, entity.knots, entity.dxf.degree)
@@ -374,7 +359,7 @@ class _Reader:
             raise _UnreadableError("MF317", "SPLINE out of the plane")
         load = np.array(weights, dtype=np.float64) if len(weights) else np.ones(len(places))
         whole = len(at) == len(places) + degree + 1 and len(load) == len(places) and 1 <= degree < len(places)
-        if not (whole and (np.diff(at) >= 0).all() and (load > 0).all()):
+        if not (whole and (np.diff(at) >= 0).all() and 0 < load.max() <= _MOST_WEIGHT * load.min()):
             raise _UnreadableError("MF311", "SPLINE whose knots or weights are none")
         nm = cell.at(places, matrix)
         self._refuse_large(float(np.abs(nm).max()))
@@ -384,52 +369,47 @@ class _Reader:
         _refuse_inclined(entity, [entity.dxf.start, entity.dxf.end])
         return self._piece(cell, layer, entity, cell.at([entity.dxf.start, entity.dxf.end]))
 
-    def _solid(self, cell: _Cell, entity: Any, layer: int) -> str:
-        corners = [entity.dxf.vtx0, entity.dxf.vtx1, entity.dxf.get("vtx3", entity.dxf.vtx2), entity.dxf.vtx2]
-        _refuse_inclined(entity, corners)
-        self._draw(cell, layer, _without_repeats(cell.at(corners, self._plane(cell, entity))))
-        return "polygons"
-
     def _face(self, cell: _Cell, entity: Any, layer: int) -> str:
-        corners = [entity.dxf.vtx0, entity.dxf.vtx1, entity.dxf.vtx2, entity.dxf.get("vtx3", entity.dxf.vtx2)]
+        third, fourth = entity.dxf.vtx2, entity.dxf.get("vtx3", entity.dxf.vtx2)
+        # Corners of a SOLID and a TRACE stand crosswise, in a plane of their own.
+        flat = entity.dxftype() == "3DFACE"
+        corners = [entity.dxf.vtx0, entity.dxf.vtx1, *((third, fourth) if flat else (fourth, third))]
         _refuse_inclined(entity, corners)
-        self._draw(cell, layer, _without_repeats(cell.at(corners)))
+        points = cell.at(corners, cell.matrix if flat else self._plane(cell, entity))
+        # A triangle has its last corner twice.
+        self._draw(cell, layer, points[(points != np.roll(points, 1, axis=0)).any(axis=1)])
         return "polygons"
 
     def _lwpolyline(self, cell: _Cell, entity: Any, layer: int) -> str:
         rows = np.array(entity.get_points("xyseb"), dtype=np.float64).reshape(-1, 5)
-        if not entity.has_width:
-            rows[:, 2:4] = entity.dxf.get("const_width", 0.0)
-        elif entity.dxf.get("const_width", 0.0) and not rows[:, 2:4].any():
-            rows[:, 2:4] = entity.dxf.const_width
-        return self._vertices(cell, entity, layer, rows, closed=bool(entity.closed))
+        said = entity.dxf.get("const_width")
+        if said is not None and rows[:, 2:4].any() and (rows[:, 2:4] != said).any():
+            # The reference of DXF says that those of vertices count, and programs take the other.
+            raise _UnreadableError("MF311", "LWPOLYLINE of two widths")
+        rows[:, 2:4] = rows[:, 2:4] if said is None else said
+        return self._vertices(cell, entity, layer, rows, self._plane(cell, entity), closed=bool(entity.closed))
 
     def _polyline(self, cell: _Cell, entity: Any, layer: int) -> str:
         if not (entity.is_2d_polyline or entity.is_3d_polyline):
             raise _UnreadableError("MF311", "POLYLINE of a surface")
         # Of a line that was smoothed the frame is kept beside what is drawn.
-        drawn = [vertex for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & 16]
-        flat = entity.is_2d_polyline
-        if not flat:
-            _refuse_inclined(entity, [vertex.dxf.location for vertex in drawn])
-        usual = [entity.dxf.get(name, 0.0) if flat else 0.0 for name in ("default_start_width", "default_end_width")]
-        rows = [
-            (
-                *tuple(vertex.dxf.location)[:2],
-                vertex.dxf.get("start_width", usual[0]) if flat else 0.0,
-                vertex.dxf.get("end_width", usual[1]) if flat else 0.0,
-                vertex.dxf.get("bulge", 0.0) if flat else 0.0,
-            )
-            for vertex in drawn
-        ]
-        points = np.array(rows, dtype=np.float64).reshape(-1, 5)
-        return self._vertices(cell, entity, layer, points, closed=bool(entity.is_closed))
+        drawn = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.get("flags", 0) & 16]
+        rows, matrix = np.zeros((len(drawn), 5)), cell.matrix
+        rows[:, :2] = np.array([tuple(vertex.location)[:2] for vertex in drawn]).reshape(-1, 2)
+        if entity.is_2d_polyline:
+            matrix = self._plane(cell, entity)
+            usual = (("start_width", "default_start_width"), ("end_width", "default_end_width"), ("bulge", ""))
+            for column, (name, default) in enumerate(usual, 2):
+                said = entity.dxf.get(default, 0.0) if default else 0.0
+                rows[:, column] = [vertex.get(name, said) for vertex in drawn]
+        elif drawn:
+            _refuse_inclined(entity, [vertex.location for vertex in drawn])
+        return self._vertices(cell, entity, layer, rows, matrix, closed=bool(entity.is_closed))
 
-    def _vertices(self, cell: _Cell, entity: Any, layer: int, rows: Floats, *, closed: bool) -> str:
+    def _vertices(self, cell: _Cell, entity: Any, layer: int, rows: Floats, matrix: Floats, *, closed: bool) -> str:
         """Draw a line of rows x, y, width at the start and at the end, bulge."""
         if len(rows) < 2:
             return "nothing, for it has no length"
-        matrix = self._plane(cell, entity) if entity.dxf.is_supported("extrusion") else cell.matrix
         if rows[: len(rows) if closed else -1, 2:4].any():
             return self._wide(cell, layer, rows, matrix, closed=closed)
         returns = bool((rows[0, :2] == rows[-1, :2]).all()) and len(rows) > 2
@@ -455,23 +435,14 @@ class _Reader:
         # Drawn as large as its map makes it, and then mapped, which makes no distance larger.
         size = float(np.linalg.norm(matrix, 2))
         ends = np.vstack([rows, rows[:1]]) if closed else rows
-        spine, widths = [ends[:1, :2] * size], []
-        for a, b in itertools.pairwise(ends):
-            arc = bulged(a[:2], b[:2], a[4], np.eye(2) * size, max(a[2:4]) * size)
-            moves = np.append(True, (np.abs(np.diff(arc, axis=0)) > 0).any(axis=1))
-            arc = arc[moves]
-            if len(arc) > 1:
-                self._curves += len(arc) > 2
-                between = np.linspace(a[2], a[3], len(arc)) * size
-                spine.append(arc[1:])
-                widths.append(np.stack([between[:-1], between[1:]], axis=1))
-        if not widths:
-            return "nothing, for it has no length"
-        parts = [
-            part @ (matrix / size).T for part in wide_line(np.concatenate(spine), np.concatenate(widths), closed=closed)
-        ]
+        self._refuse_large(float(np.abs(ends[:, :4]).max()) * size)
+        self._curves += int(np.count_nonzero(ends[:-1, 4]))
         shift = cell.at(np.zeros((1, 2)), matrix)
-        self._fill(cell, layer, [part + shift for part in parts], "union")
+        outlines = wide_line(ends * [size, size, size, size, 1], closed=closed)
+        parts = [part @ (matrix / size).T + shift for part in outlines]
+        if not parts:
+            return "nothing, for it has no length"
+        self._fill(cell, layer, parts, "union")
         return "lines with a width" + (", closed ones as rings" if closed else "")
 
     def _hatch(self, cell: _Cell, entity: Any, layer: int) -> str:
@@ -487,7 +458,9 @@ class _Reader:
                 ends = np.vstack([rows, rows[:1]])
                 arcs = [bulged(a[:2], b[:2], a[2], matrix)[:-1] for a, b in itertools.pairwise(ends)]
                 loops += [np.concatenate(arcs) + shift] if arcs else []
+                self._curves += int(np.count_nonzero(rows[:, 2]))
                 continue
+            self._curves += sum(type(edge).__name__ != "LineEdge" for edge in boundary.edges)
             pieces = [self._edge(cell, edge, matrix) for edge in boundary.edges]
             pieces = [piece for piece in pieces if float(np.ptp(piece, axis=0).max()) > self._gap_limit]
             chains = Chains(pieces, self._gap_limit)
@@ -495,14 +468,9 @@ class _Reader:
                 raise _UnreadableError("MF310", "HATCH whose boundary has gaps")
             self._gap_nm = max(self._gap_nm, chains.gap_nm)
             loops += [loop for group, _, _ in chains.groups for loop in group]
-        self._curves += any(len(loop) > 64 for loop in loops)
-        style = ("even-odd", "outermost", "union")[min(max(int(entity.dxf.get("hatch_style", 0)), 0), 2)]
+        style, read_as = _STYLES[min(max(int(entity.dxf.get("hatch_style", 0)), 0), 2)]
         self._fill(cell, layer, loops, style)
-        return {
-            "even-odd": "fills, islands left open",
-            "outermost": "fills between the outer boundary and its islands",
-            "union": "fills that ignore islands",
-        }[style]
+        return read_as
 
     def _edge(self, cell: _Cell, edge: Any, matrix: Floats) -> Floats:
         kind = type(edge).__name__
@@ -518,9 +486,7 @@ class _Reader:
             minor, turn = np.array([-major[1], major[0]]) * edge.ratio, _turn(edge.start_param, edge.end_param)
             if abs(edge.end_angle - edge.start_angle) >= 360:
                 turn = 0.0, 2 * math.pi
-        self._refuse_large(float(np.linalg.norm(matrix, 2) * np.linalg.norm(major)))
-        (centre,) = cell.at([tuple(edge.center)], matrix)
-        return conic(centre, matrix @ major, matrix @ minor, *turn)
+        return self._conic(cell, edge.center, matrix, major, minor, turn)
 
     def _insert(self, cell: _Cell, entity: Any, layer: int) -> str:
         from ezdxf.xclip import XClip
@@ -547,7 +513,7 @@ class _Reader:
             placed, matrix = quarter, np.eye(2) * self._nm
         else:
             placed = np.eye(2)
-        name = self._cell(str(dxf.name).upper(), self._name(layer), matrix, block)
+        name = self._cell(str(dxf.name).upper(), self._layers[layer], matrix, block)
         repetition = (columns, rows, steps) if columns * rows > 1 else None
         radians = math.atan2(placed[1, 0], placed[0, 0])
         cell.references.append((name, tuple(origin), radians, 1.0, np.linalg.det(placed) < 0, repetition))
@@ -571,6 +537,12 @@ class _Reader:
         return self._cells[key].name
 
 
+def _facing(entity: Any) -> int:
+    """1 if what is drawn is seen from its front, -1 from its back, 0 from the side."""
+    x, y, z = entity.dxf.get("extrusion", (0, 0, 1))
+    return (1 if z > 0 else -1) if math.hypot(x, y) < _IN_PLANE * abs(z) else 0
+
+
 def _turn(start: float, stop: float) -> tuple[float, float]:
     """From an angle counterclockwise to another, once round at most."""
     turn = (stop - start) % (2 * math.pi)
@@ -582,11 +554,6 @@ def _refuse_inclined(entity: Any, corners: Sequence[Any]) -> None:
     reach = max(max(map(abs, tuple(corner))) for corner in corners)
     if max(heights) - min(heights) > _IN_PLANE * max(1.0, reach):
         raise _UnreadableError("MF317", f"{entity.dxftype()} out of the plane")
-
-
-def _without_repeats(points: Floats) -> Floats:
-    """Corners of a face of four, of which a triangle has the last twice."""
-    return points[(points != np.roll(points, 1, axis=0)).any(axis=1)] if len(points) > 1 else points
 
 
 def _distinct(points: Floats, *, closed: bool = True) -> Floats:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from collections import Counter
 from collections.abc import Iterator
 
 # Most of a plate are vertices, which belong to their polyline.
@@ -135,6 +134,7 @@ def entities(data: bytes) -> Iterator[Entity]:
     yield from alike.values()
 
 
+IN_PAPER_SPACE = " in paper space"
 _PAPER = ("*PAPER_SPACE", "$PAPER_SPACE")
 _FROZEN = 1
 _HIDING = frozenset({b"60", b"67", b"210", b"220", b"230"})
@@ -142,46 +142,21 @@ _IN_PLANE = 1e-9
 """Directions are written with so many digits that those along z are closer to it."""
 
 
-class Unseen:
-    """Entities that draw or place something out of sight, collected one by one."""
-
-    def __init__(self) -> None:
-        self._layers: dict[str, str] = {}
-        self._drawn: Counter[tuple[str, str, str, str]] = Counter()
-
-    def add_layer(self, entry: Entity) -> None:
-        """Take an entry of the table of layers, which may stand behind what is drawn on it."""
-        if int(entry.number(70)) & _FROZEN:
-            self._layers[entry.text(2).upper()] = "the frozen "
-        elif entry.number(62) < 0:
-            self._layers[entry.text(2).upper()] = "the switched-off "
-
-    def add(self, entity: Entity) -> None:
-        """Take an entity that draws, or places a block."""
-        placed = entity.text(2) if entity.kind == "INSERT" else ""
-        self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1 + len(entity.copies) // 2
-
-    def hidden_shapes(self, drawing: set[str]) -> list[tuple[str, str]]:
-        """Layers, and what is out of sight there with the reason, in words.
-
-        Args:
-            drawing: names, in capitals, of the blocks of which something counts.
-        """
-        unseen: Counter[tuple[str, str]] = Counter()
-        for (kind, layer, placed, why), count in self._drawn.items():
-            hidden = self._layers.get(layer.upper(), "")
-            if (why or hidden) and (not placed or placed.upper() in drawing):
-                unseen[f"{kind}{why} on {hidden}layer {layer!r}", layer] += count
-        return [(layer, f"{count} x {what}") for (what, layer), count in sorted(unseen.items())]
+def hiding(entry: Entity) -> str:
+    """Words on a layer, by its entry in the table of layers, that no plot shows; empty for others."""
+    if int(entry.number(70)) & _FROZEN:
+        return "the frozen "
+    return "the switched-off " if entry.number(62) < 0 else ""
 
 
-def _out_of_sight(entity: Entity) -> str:
+def out_of_sight(entity: Entity) -> str:
+    """Reason for which no plot shows an entity, in words; empty if one does."""
     if (entity.block or "").upper().startswith(_PAPER):
-        return " in paper space"
+        return IN_PAPER_SPACE
     if not entity.says(_HIDING):
         return ""
     if entity.number(67) == 1:
-        return " in paper space"
+        return IN_PAPER_SPACE
     if entity.number(60) == 1:
         return " made invisible"
     x, y, z = entity.number(210), entity.number(220), entity.number(230, 1.0)

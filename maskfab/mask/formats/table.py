@@ -196,6 +196,7 @@ def layout_format(path: Path) -> Format | None:
 def readers_of(path: Path, *, versions: bool = False) -> str:
     """Packages that read a layout of this name, as in ``"alike by klayout and gdstk"``; empty if it is none."""
     form = layout_format(path)
-    names = [] if form is None else [package for package, _ in form.readers]
+    # Of those that are not held against each other only the first says what a file of ours holds.
+    names = [] if form is None else [package for package, _ in form.readers[: None if form.agreed else 1]]
     said = [f"{name} {metadata.version(name)}" if versions else name for name in names]
     return f"alike by {', '.join(said[:-1])} and {said[-1]}" if len(said) > 1 else f"by {said[0]}" if said else ""

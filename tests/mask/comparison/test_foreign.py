@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 from klayout import db
@@ -127,6 +128,22 @@ def test_a_plate_of_the_other_tone_is_told_and_compared_all_the_same(job, plate,
     found = check(job, plate, edited(gds, tmp_path / "x.gds", inverted))
     assert told(found)["lies"] == "of the other tone, drawn where the design is opaque"
     assert failed(found) == {"lies"}
+
+
+@pytest.mark.parametrize("step_um", [169.3344, 169.334])
+def test_steps_of_a_drawing_that_would_drift_are_told(job, plate, tmp_path, step_um):
+    document = ezdxf.new(units=13)
+    corners = [(0, 0), (50, 0), (50, 50), (0, 50)]
+    document.blocks.new("PIXEL").add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLEAR"})
+    steps = {"column_count": 49, "column_spacing": step_um}
+    document.modelspace().add_blockref("PIXEL", (0, 0), dxfattribs=steps)
+    document.saveas(tmp_path / "x.dxf")
+    rows = rows_of(check(job, plate, tmp_path / "x.dxf"))
+    if step_um == 169.334:
+        assert "array_drift" not in rows
+        return
+    assert rows["array_drift"].value == pytest.approx(48 * 0.4)
+    assert not rows["array_drift"].passed
 
 
 def test_something_else_is_unlike_the_design_whatever_else_is_told(job, plate, tmp_path):

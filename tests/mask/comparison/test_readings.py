@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import ezdxf
 import gdstk
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import maskfab as mf
 from maskfab.api.verifying import Readings
 from maskfab.base.errors import JobError, SourceError
 from maskfab.cli.program import run_command_line
+from maskfab.mask.formats.table import readers_of
 
 
 @pytest.fixture
@@ -119,3 +121,15 @@ def test_a_lone_reader_is_said_to_be_alone(boxes, tmp_path):
     found = mf.verify(tmp_path / "boxes.cif", readers=True)
     assert isinstance(found, Readings)
     assert "alone" in str(found).splitlines()[0]
+
+
+def test_a_drawing_is_read_by_both_its_readers(tmp_path):
+    document = ezdxf.new(units=13)
+    document.modelspace().add_lwpolyline([(0, 0), (4, 0), (4, 3)], close=True, dxfattribs={"layer": "CLEAR"})
+    document.saveas(tmp_path / "plain.dxf")
+    found = mf.verify(tmp_path / "plain.dxf", readers=True)
+    assert isinstance(found, Readings)
+    assert found.passed
+    assert [one.reader for one in found.readers] == ["klayout", "ezdxf", "maskfab"]
+    assert [one.layers[0].area_um2 for one in found.readers] == [6, 6, 6]
+    assert readers_of(tmp_path / "plain.dxf") == "by klayout"  # as nothing holds both against each other

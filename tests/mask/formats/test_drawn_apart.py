@@ -16,7 +16,7 @@ from klayout import db
 
 from maskfab.base.errors import SourceError
 from maskfab.base.model import CLEAR
-from maskfab.mask.formats.content import Conversion, find_layer, rounding_nm
+from maskfab.mask.formats.content import Conversion, array_drift, find_layer, rounding_nm
 from maskfab.mask.formats.drawing import drawing_notes
 from maskfab.mask.formats.dxf_curves import CHORD_NM, spline
 from maskfab.mask.formats.dxf_process import content
@@ -148,6 +148,23 @@ def test_a_closed_spline_without_clamped_ends_is_drawn_over_its_domain(tmp_path)
     assert clear_um2(drawing(tmp_path / "x.dxf", draw)) == pytest.approx(area, abs=0.6)
 
 
+@pytest.mark.parametrize("weight", [1e-6, 1e-3, 1e3, 1e6])
+def test_a_spline_of_uneven_weights_takes_few_points(tmp_path, weight):
+    def draw(m):
+        control = [(0, 0), (50, 100), (100, 0)]
+        m.add_rational_spline(control, [1, weight, 1], 2, [0, 0, 0, 1, 1, 1], dxfattribs=ON_CLEAR)
+        m.add_lwpolyline([(100, 0), (100, -10), (0, -10), (0, 0)], dxfattribs=ON_CLEAR)
+
+    layout, _ = fast(drawing(tmp_path / "x.dxf", draw))
+    # A conic of that weight (Farin, Curves and Surfaces for CAGD, 12.3): area by Simpson's rule.
+    t = np.linspace(0, 1, 200_001) ** 3
+    t = np.concatenate([t / 2, 1 - t[::-1] / 2])
+    below = (1 - t) ** 2 + 2 * weight * t * (1 - t) + t**2
+    x, y = (100 * weight * t * (1 - t) + 100 * t**2) / below, 200 * weight * t * (1 - t) / below
+    assert region(layout, CLEAR).area() / UM2 == pytest.approx(1000 + np.trapezoid(y, x), abs=0.5)
+    assert sum(polygon.num_points() for polygon in region(layout, CLEAR).each()) < 5000
+
+
 # --- fills -----------------------------------------------------------------------------------------------------------
 
 
@@ -175,6 +192,49 @@ def test_a_fill_is_bounded_by_edges_of_every_kind(tmp_path):
 
     area = 10_000 + math.pi * 1250 + math.pi * 625 - math.pi * 100
     assert clear_um2(drawing(tmp_path / "x.dxf", draw)) == pytest.approx(area, abs=0.9)
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_ends_of_elliptic_edges_are_angles_from_their_axis(tmp_path, below):
+    # As LibreCAD reads them too, and acadrust since its issue 178; of an ELLIPSE they are parameters.
+    start, stop = math.radians(30), math.radians(120)
+
+    def draw(m):
+        boundary = m.add_hatch(dxfattribs=ON_CLEAR | (FROM_BELOW if below else {})).paths.add_edge_path()
+        boundary.add_ellipse((0, 0), (100, 0), 0.5, *map(math.degrees, (start, stop)))
+        for angle, add in ((stop, (0, 0)), (start, (0, 0))):
+            reach = 50 / math.hypot(0.5 * math.cos(angle), math.sin(angle))
+            boundary.add_line((reach * math.cos(angle), reach * math.sin(angle)), add)
+
+    turn = [math.atan2(math.sin(angle) / 0.5, math.cos(angle)) for angle in (start, stop)]
+    area = 100 * 50 / 2 * (turn[1] - turn[0])
+    layout, read = fast(drawing(tmp_path / "x.dxf", draw))
+    assert region(layout, CLEAR).area() / UM2 == pytest.approx(area, abs=0.3)
+    assert read.curves == 1
+
+
+def test_islands_of_islands_are_filled_by_their_style(tmp_path):
+    def draw(style):
+        def fills(m):
+            for x in (0, 500):
+                hatch = m.add_hatch(dxfattribs=ON_CLEAR | {"hatch_style": style})
+                for k, flags in enumerate((1, 16, 0, 1, 4)):
+                    corners = square(x + 10 * k, 10 * k, 100 - 20 * k)
+                    hatch.paths.add_polyline_path(corners, is_closed=bool(k % 2), flags=flags)
+
+        return fills
+
+    for style, area in enumerate((10_000 - 6400 + 3600 - 1600 + 400, 3600, 10_000)):
+        assert clear_um2(drawing(tmp_path / f"{style}.dxf", draw(style))) == 2 * area
+
+
+def test_a_bulge_of_a_fill_counts_as_a_curve(tmp_path):
+    def draw(m):
+        m.add_hatch(dxfattribs=ON_CLEAR).paths.add_polyline_path([(0, 0, 1), (1, 0, 1)], is_closed=True)
+
+    layout, read = fast(drawing(tmp_path / "x.dxf", draw))
+    assert region(layout, CLEAR).area() / UM2 == pytest.approx(math.pi / 4, abs=0.006)
+    assert read.curves == 2
 
 
 def test_faces_and_traces_are_polygons(tmp_path):
@@ -292,6 +352,40 @@ def test_a_width_along_an_arc_is_a_ring(tmp_path):
     assert clear_um2(drawing(tmp_path / "x.dxf", draw)) == pytest.approx(area, abs=2 * math.pi * 100 * 0.0018)
 
 
+@pytest.mark.parametrize("matrix", [(1, 1), (-2, 0.5)])
+def test_a_width_along_an_arc_ends_square_to_it(tmp_path, matrix):
+    def draw(m):
+        space = m.doc.blocks.new("ARC")
+        space.add_lwpolyline([(-50, 0, 20, 20, 1), (50, 0, 20, 20, 0)], format="xyseb", dxfattribs=ON_CLEAR)
+        space.add_lwpolyline([(200, 0, 0, 100, 0.02), (300, 0, 0, 0, 0)], format="xyseb", dxfattribs=ON_CLEAR)
+        m.add_blockref("ARC", (0, 0), dxfattribs={"xscale": matrix[0], "yscale": matrix[1]})
+
+    drawn = region(fast(drawing(tmp_path / "x.dxf", draw))[0], CLEAR)
+    turn = 2 * math.atan(0.02)
+    corners = sorted(matrix[0] * x for x in (-60, 300 + 50 * math.sin(turn)))
+    bottom, top = sorted(matrix[1] * y for y in (-60, 50 * math.cos(turn)))
+    box = drawn.bbox()
+    found = [box.left, box.right, box.bottom, box.top]
+    assert found == pytest.approx([1000 * side for side in (*corners, bottom, top)], abs=4)
+
+
+def test_a_line_wider_than_its_arc_is_the_whole_of_it(tmp_path):
+    def draw(m):
+        m.add_lwpolyline([(-10, 0, 30, 30, 1), (10, 0, 30, 30, 0)], format="xyseb", dxfattribs=ON_CLEAR)
+
+    area = math.pi / 2 * (25**2 + 5**2)
+    assert clear_um2(drawing(tmp_path / "x.dxf", draw)) == pytest.approx(area, abs=0.2)
+
+
+def test_a_line_of_two_widths_is_refused(tmp_path):
+    def draw(m):
+        rows = [(0, 0, 10, 10), (100, 0, 10, 10)]
+        m.add_lwpolyline(rows, format="xyse", dxfattribs=ON_CLEAR | {"const_width": 20})
+
+    with pytest.raises(SourceError, match=r"MF311 .*LWPOLYLINE of two widths"):
+        read_layout(drawing(tmp_path / "x.dxf", draw))
+
+
 def test_widths_that_change_at_vertices_of_r12(tmp_path):
     head = "0\nSECTION\n2\nENTITIES\n0\nPOLYLINE\n8\nCLEAR\n66\n1\n70\n0\n"
     rows = "".join(
@@ -386,6 +480,31 @@ def test_a_circle_in_a_block_of_unequal_scales_is_an_ellipse(tmp_path):
     assert rounding_nm(layout) == 0
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_steps_of_an_array_off_the_grid_do_not_add_up(tmp_path, turned):
+    def draw(m):
+        m.doc.blocks.new("DOT").add_lwpolyline(square(0, 0, 1), close=True, dxfattribs=ON_CLEAR)
+        steps = {"column_count": 49, "column_spacing": 169.3344, "row_count": 3, "row_spacing": 5}
+        m.add_blockref("DOT", (0, 0), dxfattribs=steps | ({"rotation": 90} if turned else {}))
+
+    layout = read_layout(drawing(tmp_path / "x.dxf", draw))
+    box = layout.top_cell().bbox()
+    assert (box.top if turned else box.right) == round(48 * 169_334.4) + 1000
+    drift_nm, which = array_drift(layout)
+    assert drift_nm == pytest.approx(48 * 0.4)
+    assert which == "copy 49 of cell DOT in an array"
+
+
+def test_steps_of_an_array_on_the_grid_are_those_of_klayout(tmp_path, monkeypatch):
+    def draw(m):
+        m.doc.blocks.new("DOT").add_lwpolyline(square(0, 0, 1e-3), close=True, dxfattribs=ON_CLEAR)
+        m.add_blockref("DOT", (0, 0), dxfattribs={"column_count": 49, "column_spacing": 0.169334})
+
+    monkeypatch.delattr("maskfab.mask.formats.dxf.read_apart")
+    layout = read_layout(drawing(tmp_path / "x.dxf", draw, unit=4))
+    assert layout.top_cell().bbox().right == 48 * 169_334 + 1000
+
+
 def test_a_block_that_is_clipped_is_refused(tmp_path):
     from ezdxf.xclip import XClip
 
@@ -395,6 +514,23 @@ def test_a_block_that_is_clipped_is_refused(tmp_path):
 
     with pytest.raises(SourceError, match=r"MF317 x\.dxf draws 1 x INSERT that is clipped"):
         read_layout(drawing(tmp_path / "x.dxf", draw))
+
+
+def test_a_text_on_its_edge_is_passed_over(tmp_path):
+    def draw(m):
+        m.add_circle((0, 0), 10, dxfattribs=ON_CLEAR)
+        m.add_text("A", dxfattribs=ON_CLEAR | {"extrusion": (1, 0, 0)})
+
+    assert clear_um2(drawing(tmp_path / "x.dxf", draw)) == pytest.approx(100 * math.pi, abs=0.1)
+
+
+def test_a_line_in_space_has_no_plane_of_its_own(tmp_path):
+    def draw(m):
+        line = m.add_polyline3d([(0, 0, 0), (10, 0, 0), (10, 20, 0)], close=True, dxfattribs=ON_CLEAR)
+        line.dxf.extrusion = (0, 0, -1)
+
+    layout, _ = fast(drawing(tmp_path / "x.dxf", draw))
+    assert region(layout, CLEAR).bbox() == db.Box(0, 0, 10_000, 20_000)
 
 
 # --- names, units, layers --------------------------------------------------------------------------------------------
