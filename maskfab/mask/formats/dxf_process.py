@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import sys
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -600,8 +601,10 @@ def _polygon(loop: Floats) -> Any:
 
 def content(path: Path, nm_per_unit: float) -> Drawing:
     """All that a file draws. Raises SourceError MF303 if ezdxf cannot read it, MF313 for too much."""
-    import ezdxf
-    from ezdxf import recover
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # those of its own packages are no fault of a file
+        import ezdxf
+        from ezdxf import recover
 
     try:
         try:
