@@ -418,13 +418,8 @@ def _unreadable(path: Path, faults: Sequence[Fault]) -> SourceError:
         f"{one.count} x {one.kind} on layer {one.layer!r}" + (f" ({one.place})" if one.place else "")
         for one in sorted(faults, key=lambda one: (one.code, one.kind))
     ]
-    worst = max(faults, key=lambda one: one.code)
-    return SourceError(
-        worst.code,
-        f"{path.name} draws {listed(drawn, 6)}; a mask has areas only",
-        where=str(path),
-        cure=_CURES[worst.code],
-    )
+    code, what = max(one.code for one in faults), f"{path.name} draws {listed(drawn, 6)}; a mask has areas only"
+    return SourceError(code, what, where=str(path), cure=_CURES[code])
 
 
 _CURES = {
