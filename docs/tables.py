@@ -8,6 +8,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from importlib import metadata
 from pathlib import Path
 
 from maskfab.api.taken import taken
@@ -217,10 +218,18 @@ def _schemas() -> Iterator[str]:
 
 
 def _readers() -> Iterator[str]:
-    """Versions of readers that constraints.txt pins, which the tests ran with."""
-    pinned = re.findall(r"(?m)^([\w.-]+)==([\w.]+)", (_ROOT / "constraints.txt").read_text(encoding="utf-8"))
-    names = ("klayout", "gdstk", "ezdxf", "gerbonara", "OpenImageIO", "rawpy")
-    yield ", ".join(f"{name} {' or '.join(version for each, version in pinned if each == name)}" for name in names)
+    """Packages that read files: versions that the tests ran with, the least that are asked for, and their makers."""
+    pinned, asked = (
+        re.findall(rf"(?m)^(?:.*\")?\W*([\w.-]+){sign}([\w.]+)", (_ROOT / name).read_text(encoding="utf-8"))
+        for name, sign in (("constraints.txt", "=="), ("pyproject.toml", ">="))
+    )
+    rows = []
+    for name in ("klayout", "gdstk", "ezdxf", "gerbonara", "OpenImageIO", "rawpy", "trimesh", "cadquery", "zxing-cpp"):
+        told = metadata.metadata(name)
+        pages = [address.partition(", ")[2] for address in told.get_all("Project-URL") or ()]
+        versions = (" or ".join(version for each, version in found if each == name) for found in (pinned, asked))
+        rows.append((name, *versions, told["Summary"] or "", told["Home-page"] or (pages or [""])[0]))
+    yield from _table(("reader", "tests ran with", "least", "by its makers", "page"), rows)
 
 
 _MADE: dict[str, Callable[[], Iterator[str]]] = {
