@@ -219,15 +219,12 @@ def _schemas() -> Iterator[str]:
 
 def _readers() -> Iterator[str]:
     """Packages that read files: versions that the tests ran with, the least that are asked for, and their makers."""
-    pinned, asked = (
-        re.findall(rf"(?m)^(?:.*\")?\W*([\w.-]+){sign}([\w.]+)", (_ROOT / name).read_text(encoding="utf-8"))
-        for name, sign in (("constraints.txt", "=="), ("pyproject.toml", ">="))
-    )
+    texts = [(_ROOT / name).read_text(encoding="utf-8") for name in ("constraints.txt", "pyproject.toml")]
     rows = []
     for name in ("klayout", "gdstk", "ezdxf", "gerbonara", "OpenImageIO", "rawpy", "trimesh", "cadquery", "zxing-cpp"):
         told = metadata.metadata(name)
         pages = [address.partition(", ")[2] for address in told.get_all("Project-URL") or ()]
-        versions = (" or ".join(version for each, version in found if each == name) for found in (pinned, asked))
+        versions = (" or ".join(re.findall(rf"\b{name}[=>]=([\w.]+)", text)) for text in texts)
         rows.append((name, *versions, told["Summary"] or "", told["Home-page"] or (pages or [""])[0]))
     yield from _table(("reader", "tests ran with", "least", "by its makers", "page"), rows)
 
