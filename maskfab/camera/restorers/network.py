@@ -17,7 +17,7 @@ which the network mends to n, has taken from it all that it knows. So what is re
 
     n + A (t - n),        A = |H|² / (|H|² + 0.03),
 
-which leaves to the network what the die does not pass.
+which leaves to the network what the die does not pass: behind a periodic display .15 to .28 dB on three photographs.
 """
 
 from __future__ import annotations

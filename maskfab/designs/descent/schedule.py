@@ -41,8 +41,7 @@ Notes:
     Blue AUC as published, bundled scenes, one seed each: L2 + inv 0.108 for ``paper4`` and 0.082 periodic, L2 0.115 and
     0.086; the authors' masks have 0.119, 0.073, 0.129 and 0.065. Their L2 + inv mask has 0.111 in the very layout that
     ``paper4`` is here: most of that difference is the layout. It has the same L_data as ours there, 0.169 and 0.168
-    with its weight. AUC tells
-    little: masks drawn at random have 0.135 to 0.140.
+    with its weight. AUC tells little: masks drawn at random have 0.135 to 0.140.
     The end is no minimum: uniform grey has an L_data of 0.001, and its L_inv is twice as good. What the run ends on is
     how its dots froze, one by one, at steps of about one logit: with the inverse filter all but a few.
 """
