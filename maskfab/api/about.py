@@ -199,7 +199,11 @@ def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
 def _parts(*parts: tuple[str, str]) -> str:
     paragraphs = []
     for title, text in parts:
-        lines = (line for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _WIDTH - len(_INDENT)))
+        lines = (
+            line
+            for paragraph in text.splitlines()
+            for line in textwrap.wrap(paragraph, _WIDTH - len(_INDENT), break_on_hyphens=False)
+        )
         paragraphs.append(f"{title + ':':<{len(_INDENT)}}" + f"\n{_INDENT}".join(lines))
     return "\n".join(paragraphs)
 

@@ -55,7 +55,7 @@ def test_the_optics_of_a_file_takes_few_numbers_per_dot(tmp_path, monkeypatch, b
     monkeypatch.setattr(analysis, "_FINEST_GRID", ACROSS if leak else 2 * ACROSS)
     found = []
     peak = peak_in_grids(lambda: found.append(analysis._see(path, request, leak)))
-    ((_, _, _, _, _, pupil, _),) = found
+    ((_, _, _, _, pupil, _, _),) = found
     assert pupil.whole.shape == (ACROSS, ACROSS)
     assert np.count_nonzero(pupil.whole_variance) > 0.1 * ACROSS**2
     assert peak < most

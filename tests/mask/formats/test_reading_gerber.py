@@ -203,7 +203,8 @@ def test_the_unit_may_be_stated_as_earlier_editions_had_it(tmp_path):
     path = file(tmp_path, box(2000))
     for code, width_nm in (("G70", 25400), ("G71", 1000)):
         path.write_text(f"{HEAD}{box(2000)}M02*\n".replace("%MOMM*%", f"{code}*"))
-        assert read_gerber(path).top_cell().bbox().width() == width_nm
+        layout = read_gerber(path)  # whose cells end with it
+        assert layout.top_cell().bbox().width() == width_nm
 
 
 @pytest.mark.parametrize(
