@@ -20,10 +20,10 @@ def readers(views: Sequence[View], names: Sequence[str]) -> Drawing:
     """The views side by side, axes in micrometres; ``names`` are the readers, the first of whom draws them."""
     columns, rows = min(_COLUMNS, max(1, len(views))), -(-len(views) // _COLUMNS)
     step = _SIDE_IN + _ROOM_IN
-    figure = Figure(figsize=(columns * step + 0.2, rows * step + 0.4))
+    figure = Figure(figsize=(columns * step + 0.2, rows * step + 0.6))
     for number, view in enumerate(views):
         row, column = divmod(number, _COLUMNS)
-        at = column * step + _ROOM_IN, (rows - 1 - row) * step + _ROOM_IN
+        at = column * step + _ROOM_IN, (rows - 1 - row) * step + _ROOM_IN + 0.25
         axes = place(figure, (*at, _SIDE_IN, _SIDE_IN - 0.3))
         shares = _PAPER + view.drawn[..., None] * (_DRAWN - _PAPER)
         picture = np.where(_about(view.unlike > 0)[..., None], _UNLIKE, shares.round()).astype(np.uint8)
@@ -32,7 +32,7 @@ def readers(views: Sequence[View], names: Sequence[str]) -> Drawing:
         axes.set_title(f"{view.cell}, {view.layer}: {view.unlike_um2:.4g} um$^2$ otherwise".replace("$^2$", "²"))
         axes.set_xlabel("x (um)")
     others = f"\norange: otherwise by {' or '.join(names[1:])}" if len(names) > 1 else ""
-    figure.text(0.1, 0.1, f"blue: as {names[0]} reads it{others}" if names else "", transform=figure.dpi_scale_trans)
+    figure.text(0.1, 0.08, f"blue: as {names[0]} reads it{others}" if names else "", transform=figure.dpi_scale_trans)
     return Drawing(figure, f"{len(views)} layers as {', '.join(names)} read them")
 
 
