@@ -153,11 +153,12 @@ Check = Callable[[db.Region], db.EdgePairs]
 class DesignRules:
     """Limits on what is clear, on how it is drawn, and on names; a rule that is None or False is not checked.
 
-    Distances are Euclidian, as KLayout measures them: between the facing parts of two edges, corner to corner
-    included; of two edges askew only where one lies square before the other, or between corners that point at each
-    other, for KLayout takes for the width of a disc the chord between any two edges that face each other, down to its
-    diameter over the root of two. So a point in which clear corners kiss counts as two spaces of zero, and if both
-    corners are of one polygon, as two notches and two widths of zero as well, unless ``kissing`` is False.
+    Distances are Euclidian, as KLayout measures them: between the facing parts of two edges, corner to corner included;
+    of two edges askew only where one lies square before the other, between corners that point at each other, or at a
+    blunt end that both part from, for KLayout takes for the width of a disc the chord between any two edges that face
+    each other, down to its diameter over the root of two. So a point in which clear corners kiss counts as two spaces
+    of zero, and if both corners are of one polygon, as two notches and two widths of zero as well, unless ``kissing``
+    is False.
 
     Attributes:
         min_width_nm: least width of a clear polygon.
@@ -244,20 +245,38 @@ def _across(region: db.Region, check: str, limit_nm: int, options: Mapping[str, 
     if region.edges().with_angle(db.Edges.OrthoEdges, True).is_empty():
         return run(limit_nm, **options)
     found = run(limit_nm, ignore_angle=_ASKEW_DEG, **options)
-    square = run(limit_nm, metrics=db.Region.Projection, **options)
-    found += square.with_internal_angle(0, True)
+    askew = run(limit_nm, **options).with_internal_angle(0, True)
+    if askew.is_empty():
+        return found
     # Corners that point into what is measured: a left turn of clear, which lies to the right of its edges.
     angles = (0.001, 180.0) if check == "width_check" else (-180.0, -0.001)
     corners = {(dot.p1.x, dot.p1.y) for dot in region.corners_dots(*angles).each()}
-    if not corners:
-        return found
-    ends = _ends(run(limit_nm, **options).with_internal_angle(0, True))
+    # Of two edges that part from a third between them the blunt end is that third one.
+    blunt = {(side.x1, side.y1, side.x2, side.y2) for side in region.edges().with_length(1, limit_nm, False).each()}
+    ends = _ends(askew)
     between = ends[:, :2, None] - ends[:, None, 2:]
-    nearest = np.argmin((between**2).sum(axis=-1).reshape(-1, 4), axis=1)
-    each = np.arange(len(ends))
-    for first, second in zip(ends[each, nearest // 2].tolist(), ends[each, 2 + nearest % 2].tolist(), strict=True):
-        if (*first,) in corners and (*second,) in corners:
-            found.insert(db.EdgePair(db.Edge(*first, *first), db.Edge(*second, *second)))
+    gaps = (between**2).sum(axis=-1).reshape(-1, 4)
+    nearest, each = np.argmin(gaps, axis=1), np.arange(len(ends))
+    kept = _foot(ends, gaps.min(axis=1))
+    for k in np.flatnonzero(~kept).tolist():
+        one, two = (tuple(ends[k, place].tolist()) for place in (nearest[k] // 2, 2 + nearest[k] % 2))
+        pointed = one == two or (one in corners and two in corners)
+        kept[k] = pointed or not blunt.isdisjoint([(*one, *two), (*two, *one)])
+    for first, last, start, stop in ends[each[kept]].tolist():
+        found.insert(db.EdgePair(db.Edge(*first, *last), db.Edge(*start, *stop)))
+    return found
+
+
+def _foot(ends: Ints, gaps: Floats) -> Mask:
+    """Whether some end of one edge of a pair lies square before the other, nearer than any two ends."""
+    found = np.zeros(len(ends), dtype=bool)
+    for end, start, stop in ((0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)):
+        along = (ends[:, stop] - ends[:, start]).astype(np.float64)
+        from_start = (ends[:, end] - ends[:, start]).astype(np.float64)
+        squared = np.maximum((along**2).sum(axis=1), 1.0)
+        share = (from_start * along).sum(axis=1) / squared
+        across = from_start[:, 0] * along[:, 1] - from_start[:, 1] * along[:, 0]
+        found |= (share > 0) & (share < 1) & (across**2 / squared < gaps)
     return found
 
 

@@ -204,3 +204,33 @@ def test_no_rule_no_result(small_plate):
 def test_rules_that_cannot_be_checked_are_refused(wrong):
     with pytest.raises(JobError, match="MF417"):
         DesignRules(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("corners", "width"),
+    [
+        pytest.param([(0, 0), (30000, 0), (30000, 3000), (0, 3000)], 3000, id="bar"),
+        pytest.param([(0, 0), (20000, -6000), (20000, 7500), (0, 1500)], 1500, id="blunt end of a wedge"),
+        pytest.param(
+            [(0, 0), (30000, 0), (30000, 10000), (16000, 1200), (0, 10000)], 1200, id="corner that points at an edge"
+        ),
+        pytest.param(
+            [(-10000, -20000), (10000, -20000), (1000, 0), (10000, 20000), (-10000, 20000), (-1000, 0)],
+            2000,
+            id="corners that point at each other",
+        ),
+        pytest.param([(0, 0), (30000, 0), (30000, 10000), (14000, 10000), (12000, 4000), (0, 4000)], 4000, id="step"),
+    ],
+)
+@pytest.mark.parametrize("degrees", [0, 17, 45, 118, 271.5])
+def test_no_narrow_place_is_lost_in_whatever_direction(corners, width, degrees):
+    turned = db.DPolygon([db.DPoint(*corner) for corner in corners])
+    region = db.Region(turned.transformed(db.DCplxTrans(1, degrees, False, 17, -5)).to_itype(1))
+
+    def narrow(limit):
+        """Pairs that do not share a corner, which is acute or within a rounding of a right angle."""
+        pairs = distance_checks(DesignRules(min_width_nm=limit))["width"][1](region)
+        return [pair for pair in pairs.each() if pair.distance() > 0]
+
+    assert narrow(round(1.01 * width))
+    assert not narrow(round(0.98 * width))
