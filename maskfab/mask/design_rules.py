@@ -256,13 +256,13 @@ def _across(region: db.Region, check: str, limit_nm: int, options: Mapping[str, 
     ends = _ends(askew)
     between = ends[:, :2, None] - ends[:, None, 2:]
     gaps = (between**2).sum(axis=-1).reshape(-1, 4)
-    nearest, each = np.argmin(gaps, axis=1), np.arange(len(ends))
+    nearest = np.argmin(gaps, axis=1)
     kept = _foot(ends, gaps.min(axis=1))
     for k in np.flatnonzero(~kept).tolist():
         one, two = (tuple(ends[k, place].tolist()) for place in (nearest[k] // 2, 2 + nearest[k] % 2))
         pointed = one == two or (one in corners and two in corners)
         kept[k] = pointed or not blunt.isdisjoint([(*one, *two), (*two, *one)])
-    for first, last, start, stop in ends[each[kept]].tolist():
+    for first, last, start, stop in ends[kept].tolist():
         found.insert(db.EdgePair(db.Edge(*first, *last), db.Edge(*start, *stop)))
     return found
 
