@@ -223,7 +223,7 @@ _SECONDS_PER_DIE = 2
 """That its optics may take of the processor, see :mod:`maskfab.mask.sandbox`; they take one."""
 
 _MOST_DRIFT_NM = 1.0
-"""From where on a copy lies nearer to another place of the grid than to its own."""
+"""A step of the grid: a copy that is off by more is on another place of it."""
 
 _TOLD_PLACES = 4
 _MOST_TOLERATED = 0.01
