@@ -45,7 +45,7 @@ min_width = "8 um"
 """
 _IN_PYTHON = 'State the rules of the display maker: rules={"emitters": {"colour_gap": "8 um", "min_width": "8 um"}}'
 _HELD_AGAINST = {name: next(sections_of(JobSpec.model_fields[name])) for name in (
-    "looks", "lives", "light", "wires", "circuits", "emitters",
+    "looks", "lives", "light", "wires", "display", "circuits", "emitters",
 )}  # fmt: skip
 """Sections of a job that a display is held against."""
 _USUAL_SAMPLES = 21

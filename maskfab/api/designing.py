@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from maskfab.report.figures.sheet import Drawing
 
 
-_FURTHER = ("circuits", "light", "plate", "process", "sensor", "exposure", "scene")
+_FURTHER = ("circuits", "display", "light", "plate", "process", "sensor", "exposure", "scene")
 """Sections of a job that a design uses beside those that are arguments."""
 
 _TASKS = 64

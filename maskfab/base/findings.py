@@ -249,6 +249,7 @@ FINDINGS: tuple[Finding, ...] = (
             *("reference_luminance", "reference_life", "reference_power"),
         ),
         rows=(
+            "local_resolution "
             "led_footprint_rectangles circuit_room_* circuit_boxes_placed circuit_rules_broken emitter* "
             "luminance_centroid flat_delta_e_95 grain_fine reference_footprint "
             "current_density_* relative_life_* wire_lines_* wired_*"

@@ -30,7 +30,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, footprints_of
 from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.result import Designed, constraints_of
-from maskfab.display.feasibility import DisplayRules
+from maskfab.display.feasibility import rules_of
 from maskfab.job.camera import Sensor
 from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED
@@ -291,7 +291,7 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
     else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
         across = side_nm // pitch_nm
-    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, where=where)
+    rules = rules_of(spec, spec.emitters, where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
     return Display.of(rules, section.tiling, seed, before, max(before, across))
 

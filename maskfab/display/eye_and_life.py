@@ -6,12 +6,13 @@ A limit that a job states is a check. Where none is stated a default is held aga
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, parse_pitch_um
+from maskfab.display.camera_zone import CameraZone
 from maskfab.display.drive import LightDemand, Triple, lives
 from maskfab.display.emitted_light import MOST_SEEN, Tiled, Viewing
 from maskfab.display.emitter_rules import EmitterRules
@@ -99,17 +100,17 @@ def kept(numbers: Sequence[Limited]) -> bool:
     return all(number.passed is not False for number in numbers)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judgement:
     """Numbers of one display that limits of the eye and of life are held against.
 
     Attributes:
-        reference_shares: of a pixel that its red, green and blue cover; None where the rules leave it no room.
+        reference: display that it is held against; None where the rules leave it no room.
         of_map: whether these are those of the die's orientation map.
     """
 
     layout: str
-    reference_shares: Triple | None
+    reference: Reference | None
     looks: tuple[Limited, ...]
     lives: tuple[Limited, ...]
     field: tuple[int, int]
@@ -121,6 +122,11 @@ class Judgement:
     def passed(self) -> bool:
         """Whether every limit that the job states is kept."""
         return not any(number.stated and number.passed is False for number in (*self.looks, *self.lives))
+
+    @property
+    def reference_shares(self) -> Triple | None:
+        """Of a pixel that red, green and blue of the reference cover."""
+        return None if self.reference is None else self.reference.shares
 
     @property
     def viewing(self) -> Viewing:
@@ -149,11 +155,13 @@ class EyeAndLife:
     looks: LooksSection
     lives: LivesSection
     stated: bool
+    zone: CameraZone = field(default_factory=CameraZone)
 
     @classmethod
-    def of(cls, looks: LooksSection | None, lives: LivesSection | None) -> EyeAndLife:
+    def of(cls, looks: LooksSection | None, lives: LivesSection | None, zone: CameraZone | None = None) -> EyeAndLife:
         """By the sections of a job."""
-        return cls(looks or LooksSection(), lives or LivesSection(), not (looks is None and lives is None))
+        stated = not (looks is None and lives is None)
+        return cls(looks or LooksSection(), lives or LivesSection(), stated, zone or CameraZone())
 
     @property
     def limits(self) -> Evenness:
@@ -189,8 +197,9 @@ class EyeAndLife:
 
     def reference(self, pitch_nm: int, rules: EmitterRules) -> Reference | None:
         """The reference display; None where the rules leave no room for it and nothing was stated of it."""
+        around_nm, across = self.zone.around_nm(pitch_nm), self.zone.across(pitch_nm)
         try:
-            return Reference.of(self.looks.reference, pitch_nm, rules)
+            return Reference.of(self.looks.reference, around_nm, rules).beside(across)
         except JobError:
             if self.stated:
                 raise
@@ -215,7 +224,7 @@ def judgement(
         own = _lives(shown.shares, reference.shares, light, asked.lives)
     return Judgement(
         asked.looks.reference,
-        None if reference is None else reference.shares,
+        reference,
         _looks(looks(shown, viewing), usual, asked.looks),
         own,
         field,

@@ -13,10 +13,11 @@ import numpy as np
 
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError
-from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Panel, Plate, Tiling, refined
+from maskfab.base.model import ORIENTATIONS, WIRES, Die, Emitters, Mark, Opening, Panel, Plate, Tiling, refined
 from maskfab.base.processes import ArgumentsFactory, Call, SerialExecutor
-from maskfab.base.units import to_nm
+from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import Progress, silent
+from maskfab.display.camera_zone import CameraZone
 from maskfab.display.circuit_boxes import BoxKind, BoxRules, check_boxes
 from maskfab.display.circuits import Circuits, no_place, place_circuits
 from maskfab.display.drive import (
@@ -55,7 +56,9 @@ from maskfab.job.die import even_nm
 from maskfab.job.faults import JobFaults
 from maskfab.job.sections import (
     CircuitsSection,
+    DisplaySection,
     EmittersSection,
+    JobSpec,
     LightSection,
     LivesSection,
     LooksSection,
@@ -78,6 +81,7 @@ class DisplayRules:
     Attributes:
         keep: share of the largest footprint that a placement with better centred light must have.
         pieces: whether a colour may lie in several pieces, for what the eye sees of turned pixels.
+        zone: its pixels beside those of the display around.
     """
 
     emitters: EmitterRules
@@ -87,6 +91,7 @@ class DisplayRules:
     wires: WireDemand | None
     boxes: BoxRules | None = None
     pieces: bool = False
+    zone: CameraZone = field(default_factory=CameraZone)
     eye: EyeAndLife = field(default_factory=lambda: EyeAndLife.of(None, None))
 
     @classmethod
@@ -98,10 +103,16 @@ class DisplayRules:
         circuits: CircuitsSection | None = None,
         looks: LooksSection | None = None,
         lives: LivesSection | None = None,
+        zone: CameraZone | None = None,
         *,
         where: str = "",
     ) -> DisplayRules:
-        """The rules of a job."""
+        """The rules of a job.
+
+        Args:
+            zone: pixels over the camera; by default those of the display around, which share circuits as stated.
+        """
+        zone = zone or CameraZone((circuits or section).shared_by)
         pieces = section.pieces == "several"
         if pieces and section.max_aspect is not None:
             what = "max_aspect is of emitters that are one rectangle each, and pieces asks for several"
@@ -118,12 +129,13 @@ class DisplayRules:
         return cls(
             rules,
             section.keep,
-            CircuitRules(section.circuit, section.circuits, section.shared_by, width),
+            CircuitRules(section.circuit, section.circuits, zone.sharing, width),
             LightDemand(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
             None if wires is None else _demand(wires, where),
-            None if circuits is None else _boxes(circuits, where),
+            None if circuits is None else _boxes(circuits, zone.sharing, where),
             pieces,
-            EyeAndLife.of(looks, lives),
+            zone,
+            EyeAndLife.of(looks, lives, zone),
         )
 
     @property
@@ -158,6 +170,8 @@ class Feasibility:
         even: what the eye sees of an even field whose pixels are turned at random; None without emitters.
         judged: limits of the eye and of life, held against the die as it is tiled; None where that was not asked.
         reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
+        around: boxes of a pixel of the display around, which has no opening and shares none; None where neither boxes
+            nor that display are stated.
     """
 
     required: float
@@ -179,6 +193,19 @@ class Feasibility:
     reaches: tuple[Reach, ...] = ()
     even: Evenness | None = None
     judged: Judgement | None = None
+    pitch_nm: int = 0
+    zone: CameraZone = field(default_factory=CameraZone)
+    around: Circuits | None = None
+
+    @property
+    def resolution_ppi(self) -> float:
+        """Pixels per inch over the camera that have circuits of their own."""
+        return self.zone.resolution_ppi(self.pitch_nm)
+
+    @property
+    def resolution(self) -> str:
+        """That in words, and whether circuits are placed."""
+        return f"{self.resolution_ppi:.0f} ppi: {self.zone.told(self.pitch_nm)}; {self.circuits_by}"
 
     @property
     def passed(self) -> bool:
@@ -193,7 +220,7 @@ class Feasibility:
         no."""
         if self.certificates:
             return Verdict.DOES_NOT_FIT
-        parts = [part.verdict for part in (self.circuits, self.wiring) if part is not None]
+        parts = [part.verdict for part in (self.circuits, self.around, self.wiring) if part is not None]
         broken = self.broken or (self.circuits is not None and self.circuits.broken)
         if broken or self.stranded or Verdict.UNKNOWN in parts:
             return Verdict.UNKNOWN
@@ -222,7 +249,8 @@ class Feasibility:
         proofs = [self.footprint.certificate if self.footprint.verdict is Verdict.DOES_NOT_FIT else None]
         circuits = self.room.certificate if self.circuits is None else self.circuits.certificate
         wires = None if self.wiring is None else self.wiring.failed
-        return tuple(proof for proof in (*proofs, circuits, wires) if proof is not None)
+        around = None if self.around is None else self.around.certificate
+        return tuple(proof for proof in (*proofs, circuits, wires, around) if proof is not None)
 
 
 def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> Feasibility | None:
@@ -254,8 +282,22 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
         None if rules.wires is None else wiring(panel, opening, rules.wires),
         given is not None,
         rules.light,
+        pitch_nm=panel.pitch_nm,
+        zone=rules.zone,
+        around=_around(panel, rules),
     )
     return answer if emitters is None else _with_emitters(answer, emitters, panel, grid, rules)
+
+
+def _around(panel: Panel, rules: DisplayRules) -> Circuits | None:
+    """Circuits of a pixel of the display around, where it is stated: one each, and no opening."""
+    if rules.boxes is None or rules.zone.normal_nm is None:
+        return None
+    side_nm = rules.zone.around_nm(panel.pitch_nm)
+    # A cell without openings has no dots to divide it by.
+    closed = Opening("around", np.zeros((1, 1), dtype=np.bool_), side_nm)
+    pixel = Panel(closed, side_nm, 0, np.zeros((1, 1), dtype=np.int8), Tiling.PERIODIC, None)
+    return place_circuits(pixel, closed, replace(rules.boxes, shared_by=1))
 
 
 def _found(
@@ -341,14 +383,14 @@ def _demand(section: WiresSection, where: str) -> WireDemand:
     return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
 
 
-def _boxes(section: CircuitsSection, where: str) -> BoxRules:
+def _boxes(section: CircuitsSection, sharing: int, where: str) -> BoxRules:
     where = f"{where}: circuits"
     kinds = []
     for number, box in enumerate(section.boxes):
         width, height = _nm(box, f"{where}.boxes[{number}]", "width", "height")
         kinds.append(BoxKind(box.name, width, height, box.count))
     gap, to_opening = _nm(section, where, "gap", "gap_to_opening")
-    return BoxRules(tuple(kinds), gap, to_opening, section.turnable, section.per_pixel, section.shared_by)
+    return BoxRules(tuple(kinds), gap, to_opening, section.turnable, section.per_pixel, sharing)
 
 
 def _given(panel: Panel) -> Emitters | None:
@@ -451,9 +493,20 @@ def display_rules(job: Job) -> DisplayRules | None:
     spec = job.spec
     if spec.emitters is None:
         return None
-    return DisplayRules.of(
-        spec.emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, where=job.where
-    )
+    return rules_of(spec, spec.emitters, job.where)
+
+
+def rules_of(spec: JobSpec, emitters: EmittersSection, where: str) -> DisplayRules:
+    """Rules of a display that has these [emitters], and all else as a job says; MF105 for two answers on sharing."""
+    stated = spec.display or DisplaySection()
+    for name, held in (("circuits", spec.circuits), ("emitters", emitters)):
+        if stated.sharing and held is not None and held.shared_by not in (1, stated.sharing):
+            what = f"[display] has {stated.sharing} pixels share a circuit, and [{name}] has {held.shared_by}"
+            cure = f"Remove {name}.shared_by"
+            raise JobError("MF105", what, where=f"{where}: display.sharing", cure=cure)
+    # A pitch in DPI is seldom of whole nanometres, and nothing is drawn by it.
+    zone = CameraZone(spec.sharing, None if stated.normal is None else round(stated.normal * NM_PER_UM))
+    return DisplayRules.of(emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, zone, where=where)
 
 
 def plate_of(job: Job, faults: JobFaults) -> Plate | None:

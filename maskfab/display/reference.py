@@ -75,6 +75,18 @@ class Reference:
         """Share of a pixel that red, green and blue cover."""
         return self.tile.shares
 
+    def beside(self, across: int) -> Reference:
+        """So many of its pixels along each side as one, as a display has them beside larger ones."""
+        if across == 1:
+            return self
+        # Turned pixels have their lines where others have.
+        lines = np.concatenate([[0.0], *(self.tile.lines[1:] + step for step in range(across))]) / across
+        held = np.tile(self.turns, (across, across))[:across, :across]
+        labels = np.block([[self.tile.turned(int(turn)).labels for turn in row] for row in held])
+        # An even number repeats itself, and an odd one has its neighbour's mirror image, as a pixel has.
+        turns = self.turns if across % 2 else np.zeros_like(self.turns)
+        return Reference(self.layout, self.pitch_nm * across, Tile(labels, lines), turns)
+
     def tiled(self, rows: int, columns: int) -> Tiled:
         """So many of its pixels."""
         kinds = np.unique(self.turns)

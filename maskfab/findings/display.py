@@ -9,6 +9,7 @@ leave more room, which is not counted.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -16,7 +17,7 @@ from types import MappingProxyType
 from scipy.special import ndtri
 
 from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
-from maskfab.base.units import NM_PER_UM
+from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_MM
 from maskfab.display.drive import AT_MA_PER_CM2, FIXED_V, RISING_V, LightDemand
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.eye import FINE_CPD, SLOW_CPD
@@ -76,7 +77,7 @@ def display_quantities(
         exempt: whether it is the die that others are compared with, which no limit of the job is held against.
     """
     through = () if camera is None else wired_quantities(die, camera)
-    rows = (*_emitters(die, feasibility), *_judged_rows(feasibility), *through)
+    rows = (_resolution(feasibility), *_emitters(die, feasibility), *_judged_rows(feasibility), *through)
     return tuple(replace(_exempted(row) if exempt else row, die=die.name) for row in rows)
 
 
@@ -90,6 +91,20 @@ def _exempted(row: Quantity) -> Quantity:
     if row.passed is None or row.name not in _EXEMPT:
         return row
     return replace(row, passed=None, method=f"{row.method}; not held against the reference die")
+
+
+def _resolution(feasibility: Feasibility) -> Quantity:
+    """Resolution over the camera: what is shared and left out, and whether circuits are placed."""
+    ppi, judged = feasibility.resolution_ppi, feasibility.judged
+    seen = ""
+    if judged is not None:
+        minutes = math.degrees(UM_PER_INCH / ppi / judged.distance_um) * 60
+        seen = f"; {minutes:.2g} arc minutes each from {judged.distance_um / UM_PER_MM:g} mm, where 1 is resolved"
+    return Quantity(
+        "local_resolution",
+        ppi,
+        f"pixels that have circuits of their own, area for area; {feasibility.resolution}{seen}",
+    )
 
 
 def _emitters(die: Die, feasibility: Feasibility) -> Iterator[Quantity]:
@@ -230,8 +245,8 @@ def _judged_rows(feasibility: Feasibility) -> Iterator[Quantity]:
         yield Quantity(
             "reference_footprint",
             min(judged.reference_shares),
-            f"share of a pixel that the least of the colours covers in {judged.layout}, the regular display at the "
-            "die's pitch, without openings, drawn by the rules of the emitters",
+            f"share of a pixel that the least of the colours covers in {judged.layout}, the regular display around "
+            "it, without openings, drawn by the rules of the emitters",
         )
     for number in (*judged.looks, *judged.lives):
         row, how = JUDGED_ROWS[number.name]

@@ -74,7 +74,7 @@ def check_names(names: Sequence[str], *, where: str) -> None:
 
 def check_display(spec: JobSpec, where: str) -> None:
     """Circuits, wires and light belong to a display whose emitters the job describes. Raises JobError MF105."""
-    for name in ("circuits", "wires", "light"):
+    for name in ("circuits", "display", "wires", "light"):
         if getattr(spec, name) is not None and spec.emitters is None:
             cure = 'Add [emitters] with colour_gap = "8 um" and min_width = "8 um"'
             raise JobError("MF105", f"the job has [{name}] and no [emitters]", where=f"{where}: {name}", cure=cure)

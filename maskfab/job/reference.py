@@ -51,7 +51,7 @@ _LAYOUT: Keys = (
     "export.grid",
 )
 _BLANK = _of("plate", "optical_density film_phase glass")
-_FIT: Keys = ("emitters", "circuits", "looks", *_of("wires", "line space clearance lines transparent"))
+_FIT: Keys = ("emitters", "circuits", "display", "looks", *_of("wires", "line space clearance lines transparent"))
 _PLACES = _of("scene", "accuracy depth focus field gap aberrations")
 _LIGHT = _of("scene", "spectrum illuminant")
 _OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation projection tilt"))
@@ -70,14 +70,14 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "run": (
         *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
         *_of("order", "tone parity chrome cd"),
-        *("limits", "emitters", "circuits", "wires", "light", "exposure", "export", "report"),
+        *("limits", "emitters", "circuits", "display", "wires", "light", "exposure", "export", "report"),
     ),
     "run for a display": ("looks", "lives"),
     "run for a house": _OFFERS,
     "order pack": (*_HOUSE, "order"),
     "order fill": (*_LAYOUT, *_BLANK[::2], *_of("export", "shop chrome"), "order", "process.cd_bias"),
     "order compare": (*_HOUSE, "order"),
-    "check": (*_LAYOUT, "emitters", "circuits", "wires", "light", "looks", "lives", "report.reference"),
+    "check": (*_LAYOUT, "emitters", "circuits", "display", "wires", "light", "looks", "lives", "report.reference"),
     "order pack --dry-run": _HOUSE,
     "check --look": (*_LAYOUT, *_FIT),
     "check --optics": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
@@ -106,7 +106,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
                *_of("design", "name method dots pitch tiling tiling_seed seed rules families map weights protocol")),
     "advise": (
         *_CAMERA, *_OPTICS, *_SENSOR, *_HOUSE, *_of("process.spread", "bias centre"),
-        *("design", "emitters", "circuits", "wires", "light", "looks", "lives", "exposure", "order"),
+        *("design", "emitters", "circuits", "display", "wires", "light", "looks", "lives", "exposure", "order"),
         "report.reference",
     ),
     "verify --against": (*_LAYOUT, *_CAMERA, *_BLANK, *_of("order", "tone parity chrome bias"), "limits",

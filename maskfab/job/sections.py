@@ -360,6 +360,19 @@ class CircuitsSection(Section):
 _MOST_BOXES = 256
 
 
+class DisplaySection(Section):
+    """[display]: the pixels over the camera beside those of the display around them.
+
+    Pixels that are left out are told by both pitches: dies whose pixels are two by two of those around leave out three
+    of four.
+    """
+
+    normal: Pitch | None = None
+    """Pitch of the display around, as a length or in DPI; default: that of the dies."""
+    sharing: int | None = Field(default=None, ge=1, le=16)
+    """Pixels that share their circuits, in place of ``shared_by``; default: that, and ``advise`` chooses."""
+
+
 class WiresSection(Section):
     """[wires]: the display's wires."""
 
@@ -668,6 +681,7 @@ class JobSpec(Section):
     scene: SceneSection | None = None
     emitters: EmittersSection | None = None
     circuits: CircuitsSection | None = None
+    display: DisplaySection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
     looks: LooksSection | None = None
@@ -699,6 +713,13 @@ class JobSpec(Section):
         kept = {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
         kept.pop("maskfab", None)
         return kept
+
+    @property
+    def sharing(self) -> int:
+        """Pixels that share a circuit: by [display], else by [circuits], else by [emitters]."""
+        stated = None if self.display is None else self.display.sharing
+        held = self.circuits or self.emitters
+        return stated or (1 if held is None else held.shared_by)
 
     @property
     def tone(self) -> Tone:

@@ -309,7 +309,7 @@ def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_fi
     die = next(die for die in findings.plate.dies if die.name == best.name)
     answer = findings.built.displays.get(best.name)
     if answer is not None and answer.judged is not None and min(die.panel.orientations.shape) >= LEAST_SEEN:
-        yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged, rules.emitters))
+        yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged))
 
 
 def report_texts(

@@ -151,7 +151,7 @@ def answer(verdict: Verdict, *, looks: bool = True, lives: bool = True, stated: 
         Limited(name, 1.0, None, 2.0 if good else 0.5, stated, "")
         for name, good in (("delta_e", looks), ("power", lives))
     ]
-    shown = Judgement("stripe", (0.2, 0.2, 0.2), (own[0],), (own[1],), (1, 1), False, 3e5, 100.0)
+    shown = Judgement("stripe", None, (own[0],), (own[1],), (1, 1), False, 3e5, 100.0)
     return SimpleNamespace(verdict=verdict, circuits_by="by area", judged=shown)
 
 

@@ -364,7 +364,7 @@ def _wrong_boxes(drawn: db.Region, die: AskedDie, display: Display, cells: Itera
     wanted: Counter[tuple[int, ...]] = Counter()
     for box in circuits.boxes:
         sides = to_nm(box.width), to_nm(box.height)
-        many = -(-circuits.per_pixel // circuits.shared_by) * box.count
+        many = -(-circuits.per_pixel // display.spec.sharing) * box.count
         wanted[tuple(sorted(sides)) if circuits.turnable else sides] += many
     held: dict[tuple[int, int], Counter[tuple[int, ...]]] = {cell: Counter() for cell in cells}
     for polygon in drawn.each():

@@ -341,6 +341,7 @@ def display_lines(
         answers = ((LOOKS, judged.looks), (LIVES, judged.lives))
         words += [f"{word}: {'KEPT' if kept(numbers) else 'BROKEN'}" for word, numbers in answers if numbers]
     yield f"{name}: {', '.join(words)}; {display.circuits_by}"
+    yield f"  {'resolution':<16} {display.resolution}"
     for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):
         for label, text in part(display):
             yield f"  {label:<16} {text}"
@@ -395,6 +396,8 @@ def _circuits(display: Feasibility) -> Iterator[Line]:
         yield "circuits", f"{circuits.verdict}: {circuits.told}, {circuits.area_um2:g} um^2 without gaps"
         for violation in circuits.broken:
             yield "rules broken", _broken(violation)
+        if display.around is not None:
+            yield "circuits around", f"{display.around.verdict}: {display.around.told}"
         yield "circuit area", f"{area} (bound, which does not decide)"
     yield "not modelled", display.not_modelled
 

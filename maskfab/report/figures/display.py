@@ -32,14 +32,13 @@ from maskfab.base.model import (
 )
 from maskfab.base.units import UM_PER_NM
 from maskfab.display.emitted_light import Tiled, show
-from maskfab.display.emitter_rules import Certificate, EmitterRules
+from maskfab.display.emitter_rules import Certificate
 from maskfab.display.eye import FLAT, TEXT
 from maskfab.display.eye_and_life import Judgement
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.looks import seen
 from maskfab.display.pictures import text
 from maskfab.display.polygon_check import Violation
-from maskfab.display.reference import Reference
 from maskfab.display.wiring import Reach, Wiring
 from maskfab.mask.outlines import outline, unit_shapes
 from maskfab.optics.colour import code_of_light
@@ -89,7 +88,7 @@ def pictures(panel: Panel, feasibility: Feasibility) -> dict[str, str]:
     return drawn
 
 
-def eye(panel: Panel, judged: Judgement, rules: EmitterRules) -> dict[str, str]:
+def eye(panel: Panel, judged: Judgement) -> dict[str, str]:
     """Even light and text as the eye sees them: ``seen_white`` and ``seen_text`` on a die, ``maker_white`` and
     ``maker_text`` on its reference display, where there is one.
 
@@ -97,8 +96,8 @@ def eye(panel: Panel, judged: Judgement, rules: EmitterRules) -> dict[str, str]:
     """
     count = seen_pixels(panel.orientations.shape)
     shown = {"seen": Tiled.of(panel, count, count)}
-    if judged.reference_shares is not None:
-        shown["maker"] = Reference.of(judged.layout, panel.pitch_nm, rules).tiled(count, count)
+    if judged.reference is not None:
+        shown["maker"] = judged.reference.tiled(count, count)
     drawn = {}
     for who, field in shown.items():
         whose = f"opening {panel.opening.name}" if who == "seen" else f"the regular {judged.layout} display"
