@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.extras import require
+from maskfab.base.model import Opening
 from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
@@ -35,11 +37,17 @@ from maskfab.job.camera import Sensor
 from maskfab.job.faults import JobFaults
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, Keys, unused
-from maskfab.job.sections import DesignSection, JobSpec, RelaxSection, SceneSection, SearchSection
+from maskfab.job.sections import DesignSection, DisplaySection, JobSpec, RelaxSection, SceneSection, SearchSection
 from maskfab.mask.opening_file import dot_of_pitch
 from maskfab.optics.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from maskfab.designs.search.question import Judges
+    from maskfab.designs.search.share import ShareCurve
+
 _SCENES_OF_MAPS = 16
+_SHARE_PART = 0.4
+"""Of the time of a design whose share of the pixel is to be chosen."""
 _DIE_STOPS = 2.1
 """Side of a die over the stop's diameter, where no plate states one: as on ``layouts/upc12.toml``, 8.4 mm before a stop
 of 4 mm."""
@@ -112,6 +120,7 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
 
 
 def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
+    spec = _assumed(spec)
     section, faults = section_of(spec, where), JobFaults.of_spec(spec)
     display = rules = camera = seen = None
     with faults:
@@ -140,6 +149,78 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
                 seen = conditions_of(spec, section, rules.dot_nm, where)
     faults.refuse()
     return display, seen
+
+
+def _assumed(spec: JobSpec) -> JobSpec:
+    """The job with the least share that is looked at, where one is to be chosen."""
+    section = spec.design
+    if section is None or section.clear_dots:
+        return spec
+    from maskfab.designs.search.share import counts_of
+
+    return spec.model_copy(update={"design": section.model_copy(update={"clear_dots": counts_of(section.dots)[0]})})
+
+
+def share_of(
+    spec: JobSpec,
+    *,
+    where: str,
+    images: Path | None = None,
+    over: Opening | None = None,
+    clock: Clock = NO_END,
+    executor: SerialExecutor = ALONE,
+    progress: Progress = silent,
+) -> tuple[JobSpec, ShareCurve]:
+    """The job with its clear dots, and with the pixels that share a circuit where [display] leaves them out; where no
+    display fits any share, with those that are stated or the least, and the most that may share.
+
+    Args:
+        over: opening, its cells all laid alike, that gains of the curve are over; by default its smallest share.
+
+    Raises:
+        JobError: as :func:`check_possible`.
+    """
+    section = section_of(_assumed(spec), where)
+    assert isinstance(section, SearchSection)
+    from maskfab.designs.search.question import Judges
+    from maskfab.designs.search.share import SHARINGS, share_curve
+
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
+    camera, settings, scenes = (
+        PhotoCamera.of(spec.camera, where=where),
+        capture_settings(spec),
+        scenes_of(images, section),
+    )
+
+    def judges(dots: int, of_nm: int) -> Judges:
+        return Judges(section, scenes.photographs, lattice(dots, of_nm, camera=camera), settings)
+
+    free = spec.display is not None and spec.display.sharing is None
+    held = [_sharing(spec, sharing) for sharing in SHARINGS] if free else [spec]
+    displays = [stated_display(one, section, where, key="design.fit") for one in held]
+    usual = None
+    if over is not None:
+        psnr = judges(over.dots, over.dot_nm).estimate(over.mask, periodic=True, levels=settings.levels)
+        usual = float(np.mean(psnr))
+    curve = share_curve(
+        displays,
+        section,
+        judges(section.dots, dot_nm),
+        stated=() if spec.design is None else (spec.design.clear_dots,),
+        over=usual,
+        clock=clock,
+        executor=executor,
+        progress=progress,
+    )
+    best = curve.best
+    dots = section.clear_dots if best is None else best.clear_dots
+    counted = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": dots})})
+    return (_sharing(counted, SHARINGS[-1] if best is None else best.sharing) if free else counted), curve
+
+
+def _sharing(spec: JobSpec, sharing: int) -> JobSpec:
+    stated = spec.display or DisplaySection()
+    return spec.model_copy(update={"display": stated.model_copy(update={"sharing": sharing})})
 
 
 def _check_shapes(spec: JobSpec, section: SearchSection, rules: Constraints, where: str) -> None:
@@ -203,6 +284,16 @@ def design(
     """
     require("design", what="a design", where=f"{where}: design")
     display, seen = _possible(spec, where)
+    curve: ShareCurve | None = None
+    if section_of(spec, where).clear_dots == 0:
+        spec, curve = share_of(
+            spec, where=where, images=images, clock=clock.part(_SHARE_PART), executor=executor, progress=progress
+        )
+        if curve.best is None:
+            what = "no display was found to fit an opening of any share of the pixel"
+            cure = "State clear_dots to hear what does not fit; ask for smaller circuits, fewer lines or less emitters"
+            raise JobError("MF123", what, where=f"{where}: design.fit", cure=cure)
+        display, seen = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         what = f"there is no directory for the checkpoint {checkpoint}"
         raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
@@ -252,7 +343,12 @@ def design(
         + (USES["design that fits"] if display is not None else ())
         + (USES["design over a spread"] if spread else ())
     )
-    notes = (*designed.notes, *notes_of(spec, source, uses, settings, seen), *display_notes(spec))
+    notes = (
+        *designed.notes,
+        *(() if curve is None else (curve.told,)),
+        *notes_of(spec, source, uses, settings, seen),
+        *display_notes(spec),
+    )
     if price_rules and (designed.account is None or designed.account.without is None):
         notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
     if not spread and spread_of(spec, where) != EXACT:

@@ -27,13 +27,18 @@ from maskfab.job.devices import of_device
 from maskfab.job.die import check_lens
 from maskfab.job.faults import parse_section
 from maskfab.job.grid import nearest_grid, widest_dot_nm
-from maskfab.job.sections import EmittersSection
+from maskfab.job.sections import CircuitsSection, EmittersSection
 from maskfab.job.toml import value_text
-from maskfab.job.values import Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
+from maskfab.job.values import Area, Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
 
 LINES_NM = (610.0, 530.0, 470.0)
 """Wavelengths of red, green and blue of every job written from answers."""
 RULES = ("gap_to_opening", "colour_gap", "min_width")
+_USUAL = EmittersSection.model_validate({"colour_gap": "8 um", "min_width": "8 um"})
+_MOST_OPEN = 0.5
+"""Share of the pixel that is clear for which an automatic exposure leaves room where the share is chosen."""
+_FINEST_BOX_UM = 1.0
+"""Sides of circuits' boxes are whole parts of a cell, of no less."""
 _FILLED = 0.8
 """Share of a full well that an automatic exposure lets white fill."""
 _MOST_PITCH_MOVE = 0.01
@@ -133,8 +138,8 @@ class Brief(Section):
     pitch: Pitch
     camera: Annotated[Module, parsed(_module)]
     layout: Literal["stripe", "pentile", "delta"]
-    open: Share
-    """Of the pixel, to be clear."""
+    open: Share | None = None
+    """Of the pixel, to be clear; None where that is chosen."""
     emitters: Share
     """Least of the pixel that its emitters cover, all colours together."""
     gap_to_opening: LengthOrZero
@@ -144,6 +149,10 @@ class Brief(Section):
     space: Length
     clearance: LengthOrZero
     lines: Annotated[int, Field(ge=1, le=64), parsed(_typed)]
+    circuit: Area | None = None
+    """Area of one drive circuit with its lines; None for a third of the pixel, and at most that of a usual one."""
+    sharing: Annotated[int | None, Field(ge=1, le=16), parsed(_typed)] = None
+    """Pixels over the camera that share a circuit; None where that is chosen."""
     lux: Lux
     time: Time | None = None
     """Exposure time; None for one that fills the pixels, up to the camera's longest."""
@@ -179,8 +188,18 @@ class Brief(Section):
         """Exposure time: as stated, or at most the camera's longest so that white does not fill the pixels."""
         if self.time is not None:
             return self.time
-        per_s = self.camera.white(self.lux, 1.0, max(self.open, REFERENCE_TRANSMISSION))
+        per_s = self.camera.white(self.lux, 1.0, max(self.open or _MOST_OPEN, REFERENCE_TRANSMISSION))
         return float(f"{min(self.camera.time, _FILLED * self.camera.well / per_s):.3g}")
+
+    @property
+    def slit(self) -> float:
+        """Clear share of the plain slits beside the design: as stated, or that of the published display."""
+        return self.open or REFERENCE_TRANSMISSION
+
+    @property
+    def circuit_um2(self) -> float:
+        """Area of one circuit: as stated, or so that the pixel around is as full as that of a panel on sale."""
+        return self.circuit or min(_USUAL.circuit, self.pitch**2 / _USUAL.circuits)
 
     @property
     def crossing_um(self) -> float:
@@ -251,15 +270,15 @@ def _refuse(brief: Brief) -> None:
     wide = f", and pitch = {pitch:g} um"
     crossing = f"lines = {brief.lines} take {brief.crossing_um:g} um with spaces and clearance"
     room = max(0.0, 1 - brief.crossing_um / pitch)
-    both = f"emitters = {brief.emitters:.1%} and open = {brief.open:.1%} are all of the pixel or more"
+    both = f"emitters = {brief.emitters:.1%} and open = {brief.slit:.1%} are all of the pixel or more"
     pairs = [
         ("pitch", pitch > stop, f"the camera's stop is {stop:g} um{wide}", "Give a finer display, or a wider stop"),
-        ("emitters", brief.emitters + brief.open >= 1, both, "Give less of one"),
+        ("emitters", brief.emitters + brief.slit >= 1, both, "Give less of one"),
         ("lines", room == 0, crossing + wide, "Give fewer or narrower lines, or a wider pitch"),
         (
             "open",
-            brief.open > room**2,
-            f"open = {brief.open:.1%}, and {crossing}{wide}",
+            brief.slit > room**2,
+            f"open = {brief.slit:.1%}, and {crossing}{wide}",
             "Open less, or give fewer lines",
         ),
     ]
@@ -269,13 +288,13 @@ def _refuse(brief: Brief) -> None:
     for key, broken, what, cure in pairs:
         if broken:
             raise JobError("MF151", what, where=f"answers: {key}", cure=cure)
-    electrons = module.white(brief.lux, brief.time_s, brief.open)
+    electrons = module.white(brief.lux, brief.time_s, brief.slit)
     light = f"in {brief.lux:g} lux for {brief.time_s:g} s white is"
     if electrons < module.read_noise:
         what = f"{light} {electrons:.2g} electrons, below the read noise of {module.read_noise:g}: nothing is recorded"
         cure = f"Give {brief.lux * module.read_noise / electrons:.2g} lux or more, or a longer time"
         raise JobError("MF141", what, where="answers: lux", cure=cure)
-    most = module.white(brief.lux, brief.time_s, max(brief.open, REFERENCE_TRANSMISSION))
+    most = module.white(brief.lux, brief.time_s, max(brief.slit, REFERENCE_TRANSMISSION))
     if most > module.well:
         cure = f"Give a time of {brief.time_s * module.well / most * 1e3:.2g} ms or less, or leave it out"
         what = f"{light} {most:.3g} electrons, and a pixel holds {module.well:g}"
@@ -350,13 +369,13 @@ def snapped(brief: Brief) -> Snapped:
     ]
     room = max(1, dots - math.ceil(brief.crossing_um * NM_PER_UM * dots / got_nm[0] - 1e-9))
     slits = [
-        (max(1, min(room, round(brief.open * dots**2 / h))), h) for h in range(room, math.ceil(0.8 * room) - 1, -1)
+        (max(1, min(room, round(brief.slit * dots**2 / h))), h) for h in range(room, math.ceil(0.8 * room) - 1, -1)
     ]
-    width, height = min(slits, key=lambda slit: abs(slit[0] * slit[1] - brief.open * dots**2))
+    width, height = min(slits, key=lambda slit: abs(slit[0] * slit[1] - brief.slit * dots**2))
     share = width * height / dots**2
-    if abs(share - brief.open) > 1e-9:
+    if brief.open is not None and abs(share - brief.open) > 1e-9:
         moves.append(Move("open", 100 * brief.open, 100 * share, "%", f"a slit of {width} x {height} whole dots"))
-    moved = brief.model_copy(update={**lengths, **whole, "open": share})
+    moved = brief.model_copy(update={**lengths, **whole, **({} if brief.open is None else {"open": share})})
     return Snapped(moved, dots, cell_nm, (width, height), tuple(moves))
 
 
@@ -369,7 +388,6 @@ def job_text(made: Snapped) -> str:
     # As a usual panel, 2.1 stops wide and at most 100 pixels, for larger ones take time; but it must hold the stop.
     die_um = max(1.25 * camera.stop_um, min(2.1 * camera.stop_um, 100 * brief.pitch))
     die_mm = math.ceil(die_um / 100) / 10
-    usual = EmittersSection.model_validate({"colour_gap": "8 um", "min_width": "8 um"})
     (width, height), dots = made.slit, made.dots
     clear = range((dots - height) // 2, (dots + height) // 2)
     limits = [(key, getattr(brief, key)) for key in ("delta_e", "grain", "life")]
@@ -388,10 +406,36 @@ def job_text(made: Snapped) -> str:
         die_mm=die_mm,
         apart=math.ceil(die_mm + 12),
         required=brief.emitters / 3,
-        shared=max(1, min(16, math.ceil(2 * usual.circuit * usual.circuits / brief.pitch**2 - 0.05))),
+        share=_share_line(made),
+        slit_dots=made.clear_dots,
+        circuits=_circuits(made),
+        sharing="" if brief.sharing is None else f"sharing = {brief.sharing}\n",
         distance_mm=brief.distance / UM_PER_MM,
         seen="".join(f"{key} = {value:g}\n" for key, value in limits[:2] if value is not None),
         lives="".join(f"{key} = {value:g}\n" for key, value in limits[2:] if value is not None),
         export="" if brief.house is None else f"\n[export]\nshop = {value_text(brief.house)}\n",
         slit="\n".join(row if line in clear else "." * dots for line in range(dots)),
     )
+
+
+def _share_line(made: Snapped) -> str:
+    """The key of clear dots where the share is stated; a comment where it is chosen."""
+    if made.brief.open is None:
+        return "# clear_dots is left out: chosen by what photographs gain"
+    return f"clear_dots = {made.clear_dots}              # {made.brief.open:.1%} of the pixel; fewer where no more fit"
+
+
+def _circuits(made: Snapped) -> str:
+    """Lines of [circuits]: the usual boxes, smaller where circuits are, in whole parts of a cell."""
+    brief, usual, cell_um = made.brief, CircuitsSection(), made.cell_nm / NM_PER_UM
+    scale, part_um = math.sqrt(brief.circuit_um2 / _USUAL.circuit), cell_um / max(1, int(cell_um / _FINEST_BOX_UM))
+
+    def drawn(length_um: float) -> str:
+        return f'"{max(1, round(length_um * scale / part_um)) * part_um:.10g} um"'
+
+    boxes = ",\n".join(
+        f'  {{ name = "{box.name}", width = {drawn(box.width)}, height = {drawn(box.height)}, count = {box.count} }}'
+        for box in usual.boxes
+    )
+    gaps = f"gap = {drawn(usual.gap)}\ngap_to_opening = {drawn(usual.gap_to_opening)}"
+    return f"boxes = [\n{boxes},\n]\n{gaps}"

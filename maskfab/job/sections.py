@@ -149,8 +149,8 @@ class DesignSection(Section):
     """Dots along a side of the cell."""
     pitch: Pitch
     """Pitch of the pixels, as a length or in DPI."""
-    clear_dots: int = Field(ge=1)
-    """Number of clear dots; met exactly."""
+    clear_dots: int = Field(default=0, ge=0)
+    """Number of clear dots; met exactly. Left out, or 0, a search that must fit a display chooses them."""
     tiling: Annotated[Tiling, Field(strict=False)] = Tiling.RANDOM
     """Order of orientations that the opening is designed for."""
     tiling_seed: int | None = Field(default=None, ge=0)
@@ -163,6 +163,17 @@ class DesignSection(Section):
     """Hard constraints on the opening, a table."""
     output: str | None = None
     """File of the opening, relative to the job."""
+
+    @checks
+    def _counted(self) -> None:
+        fits = getattr(self, "fit", False)
+        if self.clear_dots == 0 and not fits:
+            cure = f"Add clear_dots, at most {self.dots**2}" + (", or fit = true" if hasattr(self, "fit") else "")
+            raise JobError("MF105", "the design does not say how many dots are clear", cure=cure)
+        uneven = [key for key in ("density", "cluster") if getattr(self, key, None) is not None]
+        if self.clear_dots == 0 and uneven:
+            what = f"a share of the pixel is chosen for one opening, and {uneven[0]} asks for two"
+            raise JobError("MF105", what, cure="Add clear_dots")
 
 
 DensityOrSearch = Annotated[

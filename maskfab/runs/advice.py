@@ -30,11 +30,20 @@ from maskfab.camera.scenes import Photograph
 from maskfab.camera.scores import MeanDifference
 from maskfab.camera.sensor import Exposure
 from maskfab.camera.stop_cells import PhotoCamera, lattice
-from maskfab.designs.design import capture_settings, check_possible, design, scenes_of, section_of, stated_display
+from maskfab.designs.design import (
+    capture_settings,
+    check_possible,
+    design,
+    scenes_of,
+    section_of,
+    share_of,
+    stated_display,
+)
 from maskfab.designs.search.held import start_of
 from maskfab.designs.search.question import Judges
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.designs.search.scan import scanned
+from maskfab.designs.search.share import ShareCurve
 from maskfab.display.drive import lives
 from maskfab.display.eye_and_life import DEFAULT_LIFE
 from maskfab.display.feasibility import PlateWithDisplays, displays
@@ -58,7 +67,7 @@ from maskfab.mask.job import Job, resolve
 from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
 from maskfab.mask.panels import map_text
-from maskfab.report.pages.advice import Advised, Reach, laid_db
+from maskfab.report.pages.advice import WORTH_DB, Advised, Reach, laid_db
 from maskfab.runs.stages import PendingPhotographs
 
 _TASKS = 3
@@ -70,6 +79,8 @@ _UNDER_S, _DENSER_S = 60.0, 240.0
 """Least time for a design under limits of the eye, and for one that is denser in the middle."""
 _LIGHTS = 10.0
 """Times less light, and more, that photographs are taken in beside the stated light."""
+_CHOICE = 0.45
+"""Share of the time in which the share of the pixel is chosen."""
 _LESS_EMITTER, _MOST_DOTS = 0.02, 128
 """Share of the pixel, all colours together, by which emitters are eased; dots along a pixel."""
 _SEARCHED, _MAPS = ("delta_e", "grain"), 1.1
@@ -146,6 +157,7 @@ def advise(
     before = resolve(spec.model_copy(update={"die": (reference,), "report": None}), path)
     shop_of(before.spec, before.where)
     conditions, level = _conditions(before)
+    slits, stated_dots = before.openings[reference.name][0], section.clear_dots
     notes += in_words(unused(stated, *USES["advise"]))
     asked, held = (job.emitters.required if job.emitters else 0.0 for job in (stated, spec))
     if held > asked:
@@ -153,6 +165,19 @@ def advise(
     with EVERY_CORE.executor(_TASKS) as executor:
         work = _Work(spec, section, before, command, path, images, progress, clock, executor)
         taken = {reference.name: work.photographed(before, reference.name, conditions)}
+        chosen, curve = share_of(
+            spec,
+            where=str(path),
+            images=images,
+            over=slits,
+            clock=clock.part(_CHOICE),
+            executor=executor,
+            progress=progress,
+        )
+        spec, section, why = _as_stated(chosen, curve, stated_dots)
+        notes += why
+        before = replace(before, spec=before.spec.model_copy(update={"display": spec.display}))
+        work = replace(work, spec=spec, section=section, before=before)
         left = clock.left()
         eased = executor.submit(Call(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left)))
         designed, misfit = work.designed()
@@ -184,7 +209,21 @@ def advise(
         alike = work.judges(spec).estimate(designed.opening.mask, periodic=True, levels=designed.levels)
         found = () if clock.halt.is_set() and not eased.ended else work.told("larger openings", eased)
     return Advised(
-        job, designed, alike, misfit, built, shown, level, ideal, bids, found, unkept, cost, notes, clock.budget_s
+        job,
+        designed,
+        alike,
+        misfit,
+        built,
+        shown,
+        level,
+        ideal,
+        bids,
+        found,
+        curve,
+        unkept,
+        cost,
+        notes,
+        clock.budget_s,
     )
 
 
@@ -302,6 +341,26 @@ def job_files(job: Job) -> dict[str, str]:
     return {"job.toml": text, **drawn, **spec.curves, **spec.shops}
 
 
+def _as_stated(chosen: JobSpec, curve: ShareCurve, stated_dots: int) -> tuple[JobSpec, SearchSection, tuple[str, ...]]:
+    """The job with the share that it states, unless that gains less than is worth a mask and another share does."""
+    section, best = chosen.design, curve.best
+    assert isinstance(section, SearchSection)
+    if best is None:
+        return chosen, section, ()
+    own = [point for point in curve.points if point.clear_dots == stated_dots and point.holds]
+    told = curve.told
+    if not stated_dots:
+        return chosen, section, (told,)
+    gain, most = (curve.gain_db(own[0]) if own else math.nan), curve.gain_db(best)
+    if own and gain < WORTH_DB <= most:
+        return chosen, section, (f"The {own[0].share:.0%} that the job states gains {gain:+.1f} dB. {told}",)
+    # Of a stated share, the most circuits that fit it; of one that does not fit, as many as the choice has.
+    sharing = own[0].sharing if own else best.sharing
+    section = section.model_copy(update={"clear_dots": stated_dots})
+    display = chosen.display and chosen.display.model_copy(update={"sharing": sharing})
+    return chosen.model_copy(update={"design": section, "display": display}), section, ()
+
+
 def _conditions(job: Job) -> tuple[Conditions, float]:
     """Of the job's photographs, where its light is one with ten times less and more beside it as far as can be; and the
     level that stands for all that the job states, dB."""
@@ -371,7 +430,7 @@ def _judges(spec: JobSpec, where: str, scenes: Sequence[Photograph]) -> Judges:
 
 
 def reaches(spec: JobSpec, where: str, images: Path | None, budget_s: float | None) -> tuple[Reach, ...]:
-    """The largest opening that was found to fit, and the same with one rule eased, each in its share of the time.
+    """The largest opening that was found to fit with one rule eased, for each in its share of the time.
 
     Args:
         spec: of the job, as :func:`searched` gives it.
@@ -383,15 +442,14 @@ def reaches(spec: JobSpec, where: str, images: Path | None, budget_s: float | No
     assert isinstance(section, SearchSection)
     scenes = scenes_of(images, section).photographs
     for name, eased, share, times in _eased(spec, section):
-        began, largest = clock.spent, found[0].clear_dots if found else 0
+        began = clock.spent
         if isinstance(eased, str):
             found.append(Reach(name, why=eased))
-        elif largest is None:
-            found.append(Reach(name, why="no opening was found that could be made larger"))
         elif not clock.affords(times**2 * longest):
             found.append(Reach(name, why=_LONGER))
         else:
-            found.append(_reach(name, eased, where, scenes, clock.part(share), largest * times**2))
+            least = section.clear_dots * times**2
+            found.append(_reach(name, eased, where, scenes, clock.part(share), least))
             longest = max(longest, clock.spent - began)
     return (*found, _denser(spec, section, where, images, clock))
 
@@ -400,7 +458,6 @@ def _eased(spec: JobSpec, section: SearchSection) -> Iterator[tuple[str, JobSpec
     """The job, and with one rule eased each, or why it cannot be; share of the time left, and times as many dots."""
     emitters, wires = spec.emitters, spec.wires
     assert emitters is not None
-    yield "the largest opening that fits", spec, 0.4, 1
     name, why = "one line less each way", "there is no line to spare"
     fewer = None if wires is None or wires.lines < 2 else wires.model_copy(update={"lines": wires.lines - 1})
     yield name, spec.model_copy(update={"wires": fewer}) if fewer else why, 0.4, 1

@@ -18,7 +18,7 @@ from maskfab.base.quantities import FAMILIES, Entry, quantities, registered
 from maskfab.camera.scores import Score
 from maskfab.job.sections import ClaimSection
 
-UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2", "waves"}
+UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "1/in", "deg", "dB", "mA/cm2", "waves"}
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}
 
 

@@ -133,6 +133,11 @@ class Display:
             unit, dot_nm, tiling=self.tiling, seed=self.seed, across=self.across, given=given, outer=outer
         )
 
+    def small_die(self, unit: Mask, dot_nm: int, most: int, *, alike: bool) -> Panel:
+        """At most so many pixels along a side of a die without a map, turned at random or all alike."""
+        small = replace(self, across=min(most, self.across), tiling=Tiling.PERIODIC if alike else self.tiling)
+        return small.die(unit, dot_nm, None)
+
     def on(self, panel: Panel) -> Feasibility | None:
         """Answer of the check to a panel, as to a die of a plate; None for a sheet that has no pixels."""
         return feasibility(panel, self.rules)

@@ -25,6 +25,7 @@ from maskfab.base.units import NM_PER_UM, decimals_of
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.designs.rules.display_fit import misfit
 from maskfab.designs.search.result import Designed
+from maskfab.designs.search.share import ShareCurve, SharePoint
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
 from maskfab.findings.photographs import NOISE_DB, Photographs
@@ -88,6 +89,7 @@ class Advised:
         level_db: the job's light, or the middle one of several.
         unobstructed: gain over the reference of a clear stop of the design's light.
         reaches: larger openings; none where time was over.
+        curve: shares of the pixel and levels of sharing, of which the design's was chosen.
         unkept: limits of the eye that an earlier, freer design breaks, and what became of one that keeps them; None
             where the first design keeps all.
         limit_cost_db: expected restored PSNR that keeping them costs; None where no design was found that does.
@@ -104,6 +106,7 @@ class Advised:
     unobstructed: MeanDifference
     bids: tuple[Bid, ...]
     reaches: tuple[Reach, ...]
+    curve: ShareCurve
     unkept: str | None = None
     limit_cost_db: float | None = None
     notes: tuple[str, ...] = ()
@@ -233,11 +236,11 @@ def _starved(advised: Advised) -> str:
         why = f"{gains}, so that {ideal.count} scenes do not tell blur from want of light"
     else:
         why = f"{gains}: they are blurred, and this opening is no cure"
-    largest = next(iter(advised.reaches), None)
-    more = 0.0 if largest is None or not largest.psnr else float(np.mean(largest.psnr) - np.mean(advised.designed.psnr))
-    if largest is None or more < WORTH_DB:
+    best = advised.curve.best
+    more = 0.0 if best is None else best.value - float(np.mean(advised.designed.psnr))
+    if best is None or more < WORTH_DB:
         return why
-    return f"{why}; try clear_dots = {largest.clear_dots}, which fit and are expected to gain {more:.1f} dB more"
+    return f"{why}; try {_asked(best)}, which fits and is expected to gain {more:.1f} dB more"
 
 
 def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
@@ -253,7 +256,21 @@ def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
     names = ", ".join(f"{row['name']} {shown(row)} ({bound(row)})" for row in limits)
     kept = f"keeps its limits: {names}" if limits else "fits round it"
     power = 100 / 10 ** (gain.mean / 10)
-    return f"Build this: {better}, with {power:.0f}\N{NO-BREAK SPACE}% of the error's power, and the display {kept}."
+    better = f"{_decided(advised)}: {better}"
+    return f"Build this, {better}, with {power:.0f}\N{NO-BREAK SPACE}% of the error's power, and the display {kept}."
+
+
+def _decided(advised: Advised) -> str:
+    """Share of the pixel and circuits over the camera, in words, and whether they were chosen or stated."""
+    display, opening, best = advised.display, advised.designed.opening, advised.curve.best
+    by = "chosen" if best is not None and best.clear_dots == opening.clear_dots else "as stated"
+    share = f"{opening.open_ratio:.0%} of the pixel clear, {by}"
+    return share if display is None else f"{share}, and {display.resolution_ppi:.0f} ppi of circuits over the camera"
+
+
+def _asked(point: SharePoint) -> str:
+    """Keys of a job that ask for a point of the curve."""
+    return f"clear_dots = {point.clear_dots} of [design] with sharing = {point.sharing} of [display]"
 
 
 def _limits(advised: Advised) -> list[Document]:
@@ -355,9 +372,14 @@ def _costs(advised: Advised) -> tuple[str, str, list[Document]]:
     seen = (
         "" if display.judged is None else f"Seen: {display.judged.where}. Beside {display.judged.layout}, the maker's."
     )
-    rows = [row, *limits]
+    placed = "circuits counted by area, not placed" if display.circuits is None else display.circuits.told
+    resolution = _row("local resolution", display.resolution_ppi, "ppi", f"{display.resolution}; {placed}")
+    rows = [resolution, row, *limits]
     if advised.limit_cost_db is not None:
         rows.append(_row("loss by keeping its limits", advised.limit_cost_db, "dB", f"{_MODEL}; {advised.unkept}"))
+    fits = (
+        f"{display.resolution_ppi:.0f} ppi of circuits over the camera ({display.zone.told(display.pitch_nm)}). {fits}"
+    )
     return f"{fits}; it {held}.", seen, rows
 
 
@@ -381,36 +403,50 @@ def _houses(advised: Advised) -> tuple[str, str, list[Document]]:
 
 
 def _others(advised: Advised) -> tuple[str, str, list[Document]]:
-    designed = advised.designed
+    designed, curve = advised.designed, advised.curve
     before, after = float(np.mean(designed.psnr)), laid_db(designed)
-    rows = [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
-    rows = rows or [_row("gain by a larger opening, or with a rule eased", None, "", "ended before it was looked for")]
+    rows = [_point_row(advised, point) for point in _points(curve)]
+    rows += [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
     near = designed.alternatives
     if near is not None and near.others:
         own, others = near.chosen.value, [(one.name, one.unit, one.value) for one in near.others[:2]]
     else:
         own, others = before, [(one.name, one.unit, one.value) for one in designed.rivals]
     for name, unit, value in others:
-        rows.append(_row(f"gain by {name}", value - own, "dB", f"as many dots, {unit.mean():.1%} of the pixel"))
+        rows.append(_row(f"gain over the design by {name}", value - own, "dB", f"{unit.mean():.1%} of the pixel, too"))
     if not others:
         rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
     method = (
-        f"Gains are over the design, which has the clear dots that the job asks for; mean over its light, before a map "
-        f"unless said otherwise: {_MODEL}. How these look to the eye is not judged."
+        f"Gains of shares are over {advised.reference}, others over the design; mean over the light, before a map "
+        f"unless said otherwise: {_MODEL}. Displays of shares fit on small dies, and none was searched."
     )
-    largest = next(iter(advised.reaches), None)
-    if largest is None or largest.clear_dots is None:
-        return "No larger opening was looked for in the time.", method, rows
-    if not largest.shape:
-        return f"No opening of more than {largest.clear_dots} dots was found to fit.", method, rows
-    share = largest.clear_dots / largest.dots**2
-    more = "" if largest.complete else " or more"
-    return (
-        f"Up to {largest.clear_dots} clear dots{more}, {share:.1%} of the pixel, were found to fit; clear_dots = "
-        f"{largest.clear_dots} in [design] asks for them.",
-        method,
-        rows,
-    )
+    if curve.best is None:
+        return "No share of the pixel was found that a display fits.", method, rows
+    return curve.told, method, rows
+
+
+def _points(curve: ShareCurve) -> list[SharePoint]:
+    """Points that are worth a row: those that fit, with fewer circuits only where these gain anything."""
+    best: dict[int, float] = {}
+    points = []
+    for point in (one for one in curve.points if one.shape):
+        if point.value > best.get(point.clear_dots, -math.inf):
+            best[point.clear_dots] = point.value
+            points.append(point)
+    return points
+
+
+def _point_row(advised: Advised, point: SharePoint) -> Document:
+    numbers = {number.name: number for number in point.numbers}
+    pays = [f"emitters of each colour {point.footprint:.1%}"]
+    pays += [f"{numbers[key].title} {short(numbers[key].value, 2)}" for key in ("life", "grain") if key in numbers]
+    pays += ["all cells laid alike"] * point.alike
+    broken = [number.title for number in point.numbers if number.passed is False]
+    pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
+    chosen = ["chosen"] if point is advised.curve.best else []
+    how = "; ".join([*chosen, _asked(point), point.shape, *pays])
+    shared = "a circuit a pixel" if point.sharing == 1 else f"{point.sharing} pixels a circuit"
+    return _row(f"gain at {point.share:.0%}, {shared}", advised.curve.gain_db(point), "dB", how)
 
 
 def _reach_row(reach: Reach, own: float) -> Document:

@@ -1,0 +1,281 @@
+"""Share of the pixel that is clear, and pixels that share a circuit: restored photographs against what a display pays.
+
+Shares are looked at in steps of a twentieth of the pixel. At each, shapes of the section's families are judged, thinned
+to few places, and from the best downwards the first is taken that the display fits: with circuits of its own for every
+pixel, then with circuits that two and four pixels share. Its emitters are placed on a die and seen as the check sees
+them. So every point of the curve is a display that fits; a search finds openings of the same share a little better.
+
+One rule chooses: as many circuits as can be, and of these the smallest share within half a decibel of the best that
+keeps its limits; fewer circuits must gain a whole decibel more. A larger share costs emitters, and so life.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import chain, islice
+
+import numpy as np
+
+from maskfab.base.processes import ALONE, Call, SerialExecutor
+from maskfab.base.work import Clock, Progress, silent
+from maskfab.designs.rules.constraints import Constraints
+from maskfab.designs.rules.display_fit import Display, Wired, misfit
+from maskfab.designs.rules.families import Candidate, kind
+from maskfab.designs.search.held import kinds_of_panel, roomiest, shapes_of, straight_lines, thinned
+from maskfab.designs.search.question import Judges
+from maskfab.designs.search.result import constraints_of
+from maskfab.display.eye_and_life import Limited, judgement, kept
+from maskfab.job.sections import SearchSection
+
+WITHIN_DB, COARSER_DB = 0.5, 1.0
+"""Restored photographs that are given away for a smaller share; and that must be gained for half the circuits."""
+ERROR_DB = 0.15
+"""By which gains of a curve may differ from those of the design that is searched at its share."""
+SHARINGS = (1, 2, 4)
+_STEP, _LEAST, _MOST = 0.05, 0.10, 0.65
+_JUDGED = 160
+"""Shapes of a share that are judged, of thousands."""
+_WALKED, _LOOKED = 24, 4
+"""Of those, the best ones, whose rules are asked; and of which the display is placed as the check places it."""
+_OF_A_KIND = 3
+"""Places of a shape that are asked."""
+_ACROSS = 24
+"""Pixels along a side of the die on which it is placed."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharePoint:
+    """The best opening of a share that a display was found to fit.
+
+    Attributes:
+        sharing: pixels that share a circuit.
+        shape: empty where none was found.
+        psnr: expected restored PSNR by level, dB, before a map.
+        alike: whether lines were found only where all cells lie alike.
+        footprint: share of the pixel that the least of the colours covers.
+        numbers: of the eye and of life, beside their limits.
+    """
+
+    clear_dots: int
+    dots: int
+    sharing: int
+    shape: str = ""
+    psnr: tuple[float, ...] = ()
+    alike: bool = False
+    footprint: float = 0.0
+    numbers: tuple[Limited, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Of the pixel that is clear."""
+        return self.clear_dots / self.dots**2
+
+    @property
+    def value(self) -> float:
+        """Mean over the levels, dB."""
+        return float(np.mean(self.psnr))
+
+    @property
+    def holds(self) -> bool:
+        """Whether a display fits it and keeps its limits."""
+        return bool(self.shape) and kept(self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class ShareCurve:
+    """Points of a display, and the one that is chosen.
+
+    Attributes:
+        points: by sharing, then by share.
+        over: expected restored PSNR of what gains are over, dB, mean over the levels; None where that is the point of
+            the smallest share.
+        complete: whether every share was looked at.
+    """
+
+    points: tuple[SharePoint, ...]
+    over: float | None = None
+    complete: bool = True
+
+    @cached_property
+    def best(self) -> SharePoint | None:
+        """The point that the rule chooses; None where no display fits any share."""
+        best: SharePoint | None = None
+        for sharing in SHARINGS:
+            point = self._knee(WITHIN_DB, sharing)
+            if point is not None and (best is None or point.value >= best.value + COARSER_DB):
+                best = point
+        return best
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Shares from which and up to which the rule might choose, for the error of gains."""
+        assert self.best is not None
+        ends = [self._knee(WITHIN_DB + error, self.best.sharing) for error in (ERROR_DB, -ERROR_DB)]
+        low, high = (self.best.share if point is None else point.share for point in ends)
+        return low, high
+
+    @property
+    def told(self) -> str:
+        """The choice and its rule, in a sentence."""
+        best, (low, high) = self.best, self.interval
+        assert best is not None
+        shared = "a circuit for every pixel" if best.sharing == 1 else f"{best.sharing} pixels to a circuit"
+        range_ = "" if low == high else f" ({low:.0%} to {high:.0%} within the error of {ERROR_DB:g} dB)"
+        return (
+            f"Of {len(self.points)} displays tried, {best.share:.0%} of the pixel clear{range_} and {shared} were "
+            f"chosen: the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits, and fewer "
+            f"circuits only where they gain {COARSER_DB:g} dB."
+        )
+
+    def gain_db(self, point: SharePoint) -> float:
+        """Expected gain of a point."""
+        first = min((one for one in self.points if one.shape), key=lambda one: one.clear_dots)
+        return point.value - (first.value if self.over is None else self.over)
+
+    def largest(self, sharing: int) -> SharePoint | None:
+        """The point of the largest share that was found to fit."""
+        return max(self._fitting(sharing), key=lambda point: point.clear_dots, default=None)
+
+    def _fitting(self, sharing: int) -> list[SharePoint]:
+        return [point for point in self.points if point.sharing == sharing and point.holds]
+
+    def _knee(self, within_db: float, sharing: int) -> SharePoint | None:
+        fitting = self._fitting(sharing)
+        most = max((point.value for point in fitting), default=0.0)
+        near = [point for point in fitting if point.value >= most - within_db]
+        return min(near, key=lambda point: point.clear_dots, default=None)
+
+
+def counts_of(dots: int) -> list[int]:
+    """Clear dots of the shares that are looked at, in pixels of so many dots along a side."""
+    return sorted({max(1, round(share * dots**2)) for share in np.arange(_LEAST, _MOST + _STEP / 2, _STEP)})
+
+
+def share_curve(
+    displays: Sequence[Display],
+    section: SearchSection,
+    judges: Judges,
+    *,
+    stated: Sequence[int] = (),
+    over: float | None = None,
+    clock: Clock,
+    executor: SerialExecutor = ALONE,
+    progress: Progress = silent,
+) -> ShareCurve:
+    """The curve of a display.
+
+    Args:
+        displays: alike but for the pixels that share a circuit, the fewest first.
+        stated: clear dots that are looked at, too.
+        over: expected restored PSNR of what gains are over, dB, mean over the levels.
+        clock: shares that it leaves no time for are left out.
+
+    Raises:
+        JobError: MF117, MF118 for rules that suit no pixel.
+    """
+    counts = sorted({*counts_of(section.dots), *stated} - {0})
+    many = executor.processes
+    given = [(tuple(displays), section, judges, tuple(counts[k::many]), clock) for k in range(many)]
+    tasks = executor.run_all(
+        [Call(_points, partial(tuple, asked)) for asked in given],
+        lambda done: progress("shares of the pixel", done, many),
+    )
+    found = tuple(chain.from_iterable(task.result() for task in tasks))
+    points = sorted(found, key=lambda point: (point.sharing, point.clear_dots))
+    return ShareCurve(tuple(points), over, not clock.over)
+
+
+def _points(
+    displays: Sequence[Display], section: SearchSection, judges: Judges, counts: Sequence[int], clock: Clock
+) -> list[SharePoint]:
+    points: list[SharePoint] = []
+    able = list(displays)
+    for count in counts:
+        if points and clock.over:
+            break
+        found = _of_count(able, section.model_copy(update={"clear_dots": count}), judges, clock)
+        points += found
+        # Where nothing was found, nothing larger is looked for.
+        able = [display for display, point in zip(able, found, strict=True) if point.shape]
+        if not able:
+            break
+    return points
+
+
+def _of_count(displays: Sequence[Display], section: SearchSection, judges: Judges, clock: Clock) -> list[SharePoint]:
+    shapes = shapes_of(section.families, section.dots, section.clear_dots)
+    ranked: dict[bool, list[Candidate]] = {}
+    points: list[SharePoint] = []
+    for display in displays:
+        found, rules = None, constraints_of(section, display=display)
+        kinds = () if rules.conflict() is not None else kinds_of_panel(rules, crooked=False)
+        for held in kinds:
+            # How circuits are shared changes nothing of the order.
+            alike = held["emitters"].wired is Wired.REGULAR
+            if alike not in ranked:
+                ranked[alike] = _ranked(shapes, held, judges, alike=alike)
+            if (found := _first(display, held, ranked[alike], judges, clock)) is not None:
+                break
+        nothing = points[-1] if points else SharePoint(section.clear_dots, section.dots, 1)
+        points.append(replace(found or nothing, sharing=display.rules.zone.sharing))
+    return points
+
+
+def _ranked(shapes: Sequence[Candidate], rules: Constraints, judges: Judges, *, alike: bool) -> list[Candidate]:
+    """Shapes that bounds leave, those beside which straight lines pass first, and then by what they restore."""
+    roomy, display = roomiest(shapes, rules), rules["emitters"]
+    asked = display.rules.wires
+    if not roomy:
+        return []
+    passing = np.full(len(roomy), display.opaque_lines)
+    if asked is not None:
+        passing = straight_lines(np.stack([shape.unit for shape in roomy]), rules.dot_nm, asked.rules, turned=not alike)
+    straight = [shape for shape, lines in zip(roomy, passing, strict=True) if lines >= display.opaque_lines]
+    # Where none pass straight, those with most room are asked.
+    likely = thinned(straight, _JUDGED) or roomy[:_JUDGED]
+    levels = judges.settings.levels
+    worth = [float(np.mean(judges.estimate(shape.unit, periodic=alike, levels=levels))) for shape in likely]
+    return [likely[k] for k in np.argsort(-np.array(worth), kind="stable")]
+
+
+def _first(
+    display: Display, held: Constraints, ranked: Sequence[Candidate], judges: Judges, clock: Clock
+) -> SharePoint | None:
+    """The first shape whose display fits on a small die."""
+    looked, alike = 0, held["emitters"].wired is Wired.REGULAR
+    for shape in islice(_few_of_a_kind(ranked), _WALKED):
+        if looked >= _LOOKED or (looked and clock.over):
+            break
+        if not held.allows(shape.unit):
+            continue
+        looked += 1
+        panel = display.small_die(shape.unit, held.dot_nm, _ACROSS, alike=alike)
+        answer = display.on(panel)
+        if answer is None or misfit(answer) is not None:
+            continue
+        rules = display.rules
+        judged = judgement(replace(panel, emitters=answer.emitters), rules.eye, rules.emitters, rules.light)
+        return SharePoint(
+            held.clear_dots,
+            held.dots,
+            rules.zone.sharing,
+            shape.name,
+            judges.estimate(shape.unit, periodic=alike, levels=judges.settings.levels),
+            alike,
+            answer.share,
+            (*judged.looks, *judged.lives),
+        )
+    return None
+
+
+def _few_of_a_kind(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
+    """Shapes in their order, of each family and size the first ones alone."""
+    seen: Counter[tuple[str, int, int]] = Counter()
+    for shape in shapes:
+        size = kind(shape.name, shape.unit)
+        seen[size] += 1
+        if seen[size] <= _OF_A_KIND:
+            yield shape
