@@ -152,13 +152,19 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
 
 
 def _assumed(spec: JobSpec) -> JobSpec:
-    """The job with the least share that is looked at, where one is to be chosen."""
+    """The job with the least share that is looked at, and the most pixels to a circuit, where these are chosen."""
     section = spec.design
     if section is None or section.clear_dots:
         return spec
-    from maskfab.designs.search.share import counts_of
+    from maskfab.designs.search.share import SHARINGS, counts_of
 
-    return spec.model_copy(update={"design": section.model_copy(update={"clear_dots": counts_of(section.dots)[0]})})
+    least = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": counts_of(section.dots)[0]})})
+    return _sharing(least, SHARINGS[-1]) if _free(spec) else least
+
+
+def _free(spec: JobSpec) -> bool:
+    """Whether pixels to a circuit are chosen, too."""
+    return spec.display is not None and spec.display.sharing is None
 
 
 def share_of(
@@ -195,18 +201,16 @@ def share_of(
     def judges(dots: int, of_nm: int) -> Judges:
         return Judges(section, scenes.photographs, lattice(dots, of_nm, camera=camera), settings)
 
-    free = spec.display is not None and spec.display.sharing is None
-    held = [_sharing(spec, sharing) for sharing in SHARINGS] if free else [spec]
+    held = [_sharing(spec, sharing) for sharing in SHARINGS] if _free(spec) else [spec]
     displays = [stated_display(one, section, where, key="design.fit") for one in held]
     usual = None
     if over is not None:
-        psnr = judges(over.dots, over.dot_nm).estimate(over.mask, periodic=True, levels=settings.levels)
-        usual = float(np.mean(psnr))
+        usual = replace(judges(over.dots, over.dot_nm).expected, periodic=True)(over.mask)
     curve = share_curve(
         displays,
         section,
-        judges(section.dots, dot_nm),
-        stated=() if spec.design is None else (spec.design.clear_dots,),
+        judges(section.dots, dot_nm).expected,
+        stated=0 if spec.design is None else spec.design.clear_dots,
         over=usual,
         clock=clock,
         executor=executor,
@@ -215,7 +219,8 @@ def share_of(
     best = curve.best
     dots = section.clear_dots if best is None else best.clear_dots
     counted = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": dots})})
-    return (_sharing(counted, SHARINGS[-1] if best is None else best.sharing) if free else counted), curve
+    sharing = SHARINGS[-1] if best is None else best.sharing
+    return (_sharing(counted, sharing) if _free(spec) else counted), curve
 
 
 def _sharing(spec: JobSpec, sharing: int) -> JobSpec:

@@ -37,7 +37,7 @@ RULES = ("gap_to_opening", "colour_gap", "min_width")
 _USUAL = EmittersSection.model_validate({"colour_gap": "8 um", "min_width": "8 um"})
 _MOST_OPEN = 0.5
 """Share of the pixel that is clear for which an automatic exposure leaves room where the share is chosen."""
-_FINEST_BOX_UM = 1.0
+_FINEST_BOX_NM = 1000
 """Sides of circuits' boxes are whole parts of a cell, of no less."""
 _FILLED = 0.8
 """Share of a full well that an automatic exposure lets white fill."""
@@ -427,8 +427,9 @@ def _share_line(made: Snapped) -> str:
 
 def _circuits(made: Snapped) -> str:
     """Lines of [circuits]: the usual boxes, smaller where circuits are, in whole parts of a cell."""
-    brief, usual, cell_um = made.brief, CircuitsSection(), made.cell_nm / NM_PER_UM
-    scale, part_um = math.sqrt(brief.circuit_um2 / _USUAL.circuit), cell_um / max(1, int(cell_um / _FINEST_BOX_UM))
+    usual, scale = CircuitsSection(), math.sqrt(made.brief.circuit_um2 / _USUAL.circuit)
+    whole = [parts for parts in range(1, made.cell_nm // _FINEST_BOX_NM + 1) if made.cell_nm % parts == 0]
+    part_um = made.cell_nm / max(whole, default=1) / NM_PER_UM
 
     def drawn(length_um: float) -> str:
         return f'"{max(1, round(length_um * scale / part_um)) * part_um:.10g} um"'

@@ -149,8 +149,8 @@ class DesignSection(Section):
     """Dots along a side of the cell."""
     pitch: Pitch
     """Pitch of the pixels, as a length or in DPI."""
-    clear_dots: int = Field(default=0, ge=0)
-    """Number of clear dots; met exactly. Left out, or 0, a search that must fit a display chooses them."""
+    clear_dots: int = Field(ge=1)
+    """Number of clear dots; met exactly."""
     tiling: Annotated[Tiling, Field(strict=False)] = Tiling.RANDOM
     """Order of orientations that the opening is designed for."""
     tiling_seed: int | None = Field(default=None, ge=0)
@@ -163,17 +163,6 @@ class DesignSection(Section):
     """Hard constraints on the opening, a table."""
     output: str | None = None
     """File of the opening, relative to the job."""
-
-    @checks
-    def _counted(self) -> None:
-        fits = getattr(self, "fit", False)
-        if self.clear_dots == 0 and not fits:
-            cure = f"Add clear_dots, at most {self.dots**2}" + (", or fit = true" if hasattr(self, "fit") else "")
-            raise JobError("MF105", "the design does not say how many dots are clear", cure=cure)
-        uneven = [key for key in ("density", "cluster") if getattr(self, key, None) is not None]
-        if self.clear_dots == 0 and uneven:
-            what = f"a share of the pixel is chosen for one opening, and {uneven[0]} asks for two"
-            raise JobError("MF105", what, cure="Add clear_dots")
 
 
 DensityOrSearch = Annotated[
@@ -197,6 +186,8 @@ class SearchSection(DesignSection):
     one.
     """
 
+    clear_dots: int = Field(default=0, ge=0)
+    """Number of clear dots; met exactly. 0, or left out: chosen among those that the display fits, with fit = true."""
     families: Annotated[
         tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
     ] = ("bars",)
@@ -228,6 +219,14 @@ class SearchSection(DesignSection):
     """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
     most_dots: int | None = Field(default=None, ge=1)
     """Clear dots of the denser pixels of such a group; default: half as many again as clear_dots."""
+
+    @checks
+    def _counted(self) -> None:
+        uneven = [f"with {key} for two openings" for key in ("density", "cluster") if getattr(self, key) is not None]
+        lacking = ["without fit = true", *uneven][self.fit :]
+        if self.clear_dots == 0 and lacking:
+            what = f"no number of clear dots is chosen {lacking[0]}"
+            raise JobError("MF105", what, cure=f"Add clear_dots, at most {self.dots**2}")
 
 
 class RelaxSection(DesignSection):

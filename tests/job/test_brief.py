@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from maskfab.base.errors import JobError
-from maskfab.base.model import Opening
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.units import UM_PER_INCH
-from maskfab.display.emitter_rules import MOST_CELLS, EmitterRules, grid_of
+from maskfab.display.circuits import place_circuits
+from maskfab.display.emitter_rules import MOST_CELLS, EmitterRules, Verdict, grid_of
+from maskfab.display.feasibility import rules_of
 from maskfab.job.brief import RULES, Brief, job_text, modules, snapped
 from maskfab.job.read import validate
 from maskfab.mask.opening_file import parse_opening
@@ -43,7 +46,7 @@ def test_answers_that_share_a_grid_stay_as_they_are():
     asked = {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}
     made = snapped(Brief.of({"pitch": "168 um", "camera": "paper", **asked}))
     assert (made.brief.pitch, made.dots, made.cell_nm) == (168.0, 21, 4000)
-    assert [move.name for move in made.moves] == ["open"]
+    assert made.moves == ()
 
 
 def test_a_phone_moves_by_less_than_a_percent_and_says_so():
@@ -127,13 +130,15 @@ def test_the_light_that_would_do_does():
         Brief.of({**PHONE, "lux": "0.001 lux"})
     enough = float(refused.value.cure.split("Give ")[1].split(" lux")[0])
     brief = Brief.of({**PHONE, "lux": f"{1.05 * enough} lux"})
-    assert brief.camera.white(brief.lux, brief.time_s, brief.open) >= brief.camera.read_noise
+    assert brief.camera.white(brief.lux, brief.time_s, brief.slit) >= brief.camera.read_noise
 
 
 def test_a_bright_scene_is_exposed_for_less_time():
     dim, bright = (Brief.of({**PHONE, "lux": f"{lux} lux"}) for lux in (200, 20_000))
     assert dim.time_s == dim.camera.time
-    assert bright.camera.white(bright.lux, bright.time_s, 0.2072) == pytest.approx(0.8 * 6000, rel=1e-2)
+    assert bright.camera.white(bright.lux, bright.time_s, 0.5) == pytest.approx(0.8 * 6000, rel=1e-2)
+    stated = Brief.of({**PHONE, "lux": "20000 lux", "open": "20 %"})
+    assert stated.camera.white(stated.lux, stated.time_s, 0.2072) == pytest.approx(0.8 * 6000, rel=1e-2)
 
 
 def test_every_camera_of_the_list_has_numbers_and_a_source():
@@ -151,19 +156,22 @@ def test_numbers_stand_for_a_camera():
     assert module.well == round(3400 * 1.4**2)
 
 
-@pytest.mark.parametrize("answers", [PHONE, LAPTOP, CAR, {"pitch": "168 um", "camera": "paper"}])
+@pytest.mark.parametrize(
+    "answers", [PHONE, LAPTOP, {**CAR, "open": "15 %"}, {"pitch": "168 um", "camera": "paper", "sharing": "2"}]
+)
 def test_the_job_is_read_as_it_was_answered(answers):
     stated = {**answers, "delta_e": "2", "life": "40 %", "layout": "delta", "house": "generic-chrome"}
     made = snapped(Brief.of(stated))
     text = job_text(made)
     assert text == job_text(snapped(Brief.of(stated)))
     spec = validate(tomllib.loads(text), where="job.toml")
-    assert spec.design.clear_dots == made.clear_dots
+    assert spec.design.clear_dots == (made.clear_dots if "open" in answers else 0)
+    assert spec.display.sharing == made.brief.sharing
     assert spec.emitters.required == pytest.approx(made.brief.emitters / 3, rel=1e-3)
     assert spec.exposure.luminance == pytest.approx(made.brief.lux / math.pi, rel=1e-5)
     assert spec.plate.die_size >= 1.25 * spec.camera.stop.diameter_um
     plain = parse_opening(spec.openings["as_is"])
-    assert plain.clear_dots == spec.design.clear_dots
+    assert plain.clear_dots == made.clear_dots
     assert plain.cell_size.pitch_nm == round(1000 * made.brief.pitch)
     assert spec.export.shop == "generic-chrome"
     assert (spec.looks.delta_e, spec.looks.grain, spec.looks.reference, spec.lives.life) == (2.0, None, "delta", 0.4)
@@ -181,3 +189,17 @@ def test_the_name_of_a_house_is_one_text_of_the_job_whatever_is_in_it():
 
 def test_dots_per_inch_are_of_the_inch():
     assert Brief.of({**CAMERA, "dpi": "200"}).pitch == UM_PER_INCH / 200
+
+
+@pytest.mark.parametrize("answers", [PHONE, LAPTOP, CAR, {"pitch": "46 um", "camera": "phone_main"}])
+def test_the_pixel_around_holds_the_circuits_that_it_is_given(answers):
+    made = snapped(Brief.of(answers))
+    spec = validate(tomllib.loads(job_text(made)), where="job.toml")
+    boxes = rules_of(spec, spec.emitters, "job.toml").boxes
+    side_nm = round(1000 * spec.display.normal)
+    closed = Opening("closed", np.zeros((1, 1), dtype=bool), side_nm)
+    panel = Panel(closed, side_nm, 0, np.zeros((1, 1), dtype=np.int8), Tiling.PERIODIC, None)
+    assert place_circuits(panel, closed, replace(boxes, shared_by=1)).verdict is Verdict.FITS
+    # No larger than a panel on sale has them, nor than a third of the pixel.
+    assert made.brief.circuit_um2 <= min(1985, made.brief.pitch**2 / 3)
+    assert boxes.area_um2 / boxes.held < made.brief.circuit_um2

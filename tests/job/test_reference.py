@@ -41,7 +41,9 @@ def states_its_default(key: Key) -> bool:
     value = json.loads(key.default or "")
     if key.section.startswith("design (") or key.section == "design":
         method = {"method": "relax"} if "relax" in key.section else {}
-        needed = {"name": "A", "dots": 3, "pitch": "24 um", "clear_dots": 1}
+        needed: dict[str, object] = {"name": "A", "dots": 3, "pitch": "24 um", "clear_dots": 1}
+        if key.name == "clear_dots":
+            needed = {**needed, "clear_dots": value, "fit": True}
         spec = TypeAdapter(AnyDesign).validate_python({**needed, **method, key.name: value})
         return spec == TypeAdapter(AnyDesign).validate_python({**needed, **method})
     model: type[AnySection] = JobSpec

@@ -169,23 +169,60 @@ def test_six_questions_are_answered_with_units_and_errors(answer, folder):
 
 def test_what_else_there_is_was_computed(answer):
     rows = rows_of(answer.to_dict(), "others")
-    largest = rows["gain by the largest opening that fits"]
-    assert largest["value"] > 1
-    assert int(largest["how"].split()[0]) > 25
-    assert rows["gain by emitters of 2% of the pixel less"]["value"] > largest["value"]
+    curve = answer.found.curve
+    gains = [row["value"] for name, row in rows.items() if name.startswith("gain at")]
+    assert max(gains) == pytest.approx(max(curve.gain_db(point) for point in curve.points if point.shape))
+    assert max(gains) - gains[0] > 1
+    assert rows["gain by emitters of 2% of the pixel less"]["value"] > 0
     assert rows["gain by more light in the middle of the stop"]["value"] is None
     assert "--budget" in rows["gain by more light in the middle of the stop"]["how"]
+
+
+def test_the_answer_names_what_decided_it(answer):
+    document = answer.to_dict()
+    assert document["verdict"].startswith("Build this, 21% of the pixel clear, as stated, and 289 ppi of circuits")
+    first = next(iter(rows_of(document, "costs").values()))
+    assert (first["name"], first["unit"]) == ("local resolution", "ppi")
+    assert first["value"] == pytest.approx(25400 / 88)
+    assert "counted by area, not placed" in first["how"]
+    costs = next(each for each in document["answers"] if each["key"] == "costs")
+    assert costs["sentence"].startswith("289 ppi of circuits over the camera")
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_share_that_is_not_stated_is_chosen_and_so_are_pixels_to_a_circuit(tmp_path):
+    boxes = '[[circuits.boxes]]\nname = "all"\nwidth = "40 um"\nheight = "24 um"\n\n[display]\nnormal = "88 um"\n\n'
+    edits = ("clear_dots = 25\nfam", "fam"), ("[wires]", boxes + "[wires]")
+    found = mf.advise(write(tmp_path, *edits, *WITHOUT_MAP), budget=NO_END)
+    curve, display, spec = found.found.curve, found.found.display, found.found.job.spec
+    best = curve.best
+    assert spec.design.clear_dots == found.found.designed.opening.clear_dots == best.clear_dots > 25
+    assert spec.display.sharing == best.sharing == display.zone.sharing
+    assert display.resolution_ppi == pytest.approx(25400 / 88 / best.sharing**0.5)
+    assert f"{best.share:.0%} of the pixel clear, chosen" in found.verdict
+    assert f"sharing = {best.sharing}" in job_files(found.found.job)["job.toml"]
+    assert any(note == curve.told for note in found.to_dict()["left_out"])
+
+
+@pytest.mark.usefixtures("alone")
+def test_a_stated_share_that_gains_nothing_gives_way_to_one_that_does(tmp_path):
+    found = mf.advise(write(tmp_path, ("clear_dots = 25\nfam", "clear_dots = 12\nfam"), *WITHOUT_MAP), budget=NO_END)
+    curve = found.found.curve
+    (stated,) = {point.clear_dots: point for point in curve.points if point.clear_dots == 12}.values()
+    assert curve.gain_db(stated) < WORTH_DB < curve.gain_db(curve.best)
+    assert found.found.designed.opening.clear_dots == curve.best.clear_dots
+    assert any("10% that the job states" in note for note in found.found.notes)
 
 
 @pytest.mark.slow
 def test_finer_dots_leave_room_for_more(answer_with_finer_dots):
     rows = rows_of(answer_with_finer_dots.to_dict(), "others")
-    largest, finer = (rows[f"gain by {way}"]["how"] for way in ("the largest opening that fits", "dots of 4 µm"))
-    assert int(finer.split()[0]) > 4 * int(largest.split()[0])
+    largest = answer_with_finer_dots.found.curve.largest(1)
+    assert int(rows["gain by dots of 4 µm"]["how"].split()[0]) > 4 * largest.clear_dots
 
 
 def test_the_largest_opening_is_one_that_a_design_finds(answer, tmp_path):
-    most = answer.found.reaches[0].clear_dots
+    most = answer.found.curve.largest(1).clear_dots
     job = write(tmp_path, ("clear_dots = 25\nfam", f"clear_dots = {most}\nfam"))
     found = mf.design(job)
     assert found.passed

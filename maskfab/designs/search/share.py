@@ -11,6 +11,7 @@ keeps its limits; fewer circuits must gain a whole decibel more. A larger share 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -24,8 +25,8 @@ from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import Display, Wired, misfit
 from maskfab.designs.rules.families import Candidate, kind
+from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
 from maskfab.designs.search.held import kinds_of_panel, roomiest, shapes_of, straight_lines, thinned
-from maskfab.designs.search.question import Judges
 from maskfab.designs.search.result import constraints_of
 from maskfab.display.eye_and_life import Limited, judgement, kept
 from maskfab.job.sections import SearchSection
@@ -36,10 +37,12 @@ ERROR_DB = 0.15
 """By which gains of a curve may differ from those of the design that is searched at its share."""
 SHARINGS = (1, 2, 4)
 _STEP, _LEAST, _MOST = 0.05, 0.10, 0.65
-_JUDGED = 160
+_JUDGED = 100
 """Shapes of a share that are judged, of thousands."""
 _WALKED, _LOOKED = 24, 4
 """Of those, the best ones, whose rules are asked; and of which the display is placed as the check places it."""
+_AT_ONCE = 2
+"""Shares that are looked at side by side."""
 _OF_A_KIND = 3
 """Places of a shape that are asked."""
 _ACROSS = 24
@@ -53,7 +56,7 @@ class SharePoint:
     Attributes:
         sharing: pixels that share a circuit.
         shape: empty where none was found.
-        psnr: expected restored PSNR by level, dB, before a map.
+        value: expected restored PSNR before a map, dB, weighted mean over the levels; not a number where there is none.
         alike: whether lines were found only where all cells lie alike.
         footprint: share of the pixel that the least of the colours covers.
         numbers: of the eye and of life, beside their limits.
@@ -63,7 +66,7 @@ class SharePoint:
     dots: int
     sharing: int
     shape: str = ""
-    psnr: tuple[float, ...] = ()
+    value: float = math.nan
     alike: bool = False
     footprint: float = 0.0
     numbers: tuple[Limited, ...] = ()
@@ -72,11 +75,6 @@ class SharePoint:
     def share(self) -> float:
         """Of the pixel that is clear."""
         return self.clear_dots / self.dots**2
-
-    @property
-    def value(self) -> float:
-        """Mean over the levels, dB."""
-        return float(np.mean(self.psnr))
 
     @property
     def holds(self) -> bool:
@@ -125,7 +123,7 @@ class ShareCurve:
         shared = "a circuit for every pixel" if best.sharing == 1 else f"{best.sharing} pixels to a circuit"
         range_ = "" if low == high else f" ({low:.0%} to {high:.0%} within the error of {ERROR_DB:g} dB)"
         return (
-            f"Of {len(self.points)} displays tried, {best.share:.0%} of the pixel clear{range_} and {shared} were "
+            f"Of {sum(bool(point.shape) for point in self.points)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {shared} were "
             f"chosen: the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits, and fewer "
             f"circuits only where they gain {COARSER_DB:g} dB."
         )
@@ -157,9 +155,9 @@ def counts_of(dots: int) -> list[int]:
 def share_curve(
     displays: Sequence[Display],
     section: SearchSection,
-    judges: Judges,
+    expected: ExpectedPsnr,
     *,
-    stated: Sequence[int] = (),
+    stated: int = 0,
     over: float | None = None,
     clock: Clock,
     executor: SerialExecutor = ALONE,
@@ -169,45 +167,43 @@ def share_curve(
 
     Args:
         displays: alike but for the pixels that share a circuit, the fewest first.
-        stated: clear dots that are looked at, too.
-        over: expected restored PSNR of what gains are over, dB, mean over the levels.
+        stated: clear dots that are looked at before all others; 0 for none.
+        over: expected restored PSNR of what gains are over, dB.
         clock: shares that it leaves no time for are left out.
 
     Raises:
         JobError: MF117, MF118 for rules that suit no pixel.
     """
-    counts = sorted({*counts_of(section.dots), *stated} - {0})
-    many = executor.processes
-    given = [(tuple(displays), section, judges, tuple(counts[k::many]), clock) for k in range(many)]
-    tasks = executor.run_all(
-        [Call(_points, partial(tuple, asked)) for asked in given],
-        lambda done: progress("shares of the pixel", done, many),
-    )
-    found = tuple(chain.from_iterable(task.result() for task in tasks))
-    points = sorted(found, key=lambda point: (point.sharing, point.clear_dots))
-    return ShareCurve(tuple(points), over, not clock.over)
-
-
-def _points(
-    displays: Sequence[Display], section: SearchSection, judges: Judges, counts: Sequence[int], clock: Clock
-) -> list[SharePoint]:
+    counts = [count for count in counts_of(section.dots) if count != stated]
+    # Two at a time, however many processes there are, so that what is left out does not depend on them.
+    waves = [[stated]] * bool(stated) + [counts[k : k + _AT_ONCE] for k in range(0, len(counts), _AT_ONCE)]
     points: list[SharePoint] = []
     able = list(displays)
-    for count in counts:
+    for done, wave in enumerate(waves):
+        progress("shares of the pixel", done, len(waves))
         if points and clock.over:
             break
-        found = _of_count(able, section.model_copy(update={"clear_dots": count}), judges, clock)
-        points += found
+        asked = [(tuple(able), section.model_copy(update={"clear_dots": count}), expected, clock) for count in wave]
+        tasks = executor.run_all([Call(_of_count, partial(tuple, given)) for given in asked])
+        found = [task.result() for task in tasks]
+        points += chain.from_iterable(found)
+        if wave == [stated]:
+            continue
         # Where nothing was found, nothing larger is looked for.
-        able = [display for display, point in zip(able, found, strict=True) if point.shape]
+        able = [display for display, *own in zip(able, *found, strict=True) if any(point.shape for point in own)]
         if not able:
             break
-    return points
+    progress("shares of the pixel", len(waves), len(waves))
+    points.sort(key=lambda point: (point.sharing, point.clear_dots))
+    return ShareCurve(tuple(points), over, complete=not able or not clock.over)
 
 
-def _of_count(displays: Sequence[Display], section: SearchSection, judges: Judges, clock: Clock) -> list[SharePoint]:
+def _of_count(
+    displays: Sequence[Display], section: SearchSection, expected: ExpectedPsnr, clock: Clock
+) -> list[SharePoint]:
+    """The point of each display."""
     shapes = shapes_of(section.families, section.dots, section.clear_dots)
-    ranked: dict[bool, list[Candidate]] = {}
+    ranked: dict[bool, list[Ranked]] = {}
     points: list[SharePoint] = []
     for display in displays:
         found, rules = None, constraints_of(section, display=display)
@@ -216,34 +212,32 @@ def _of_count(displays: Sequence[Display], section: SearchSection, judges: Judge
             # How circuits are shared changes nothing of the order.
             alike = held["emitters"].wired is Wired.REGULAR
             if alike not in ranked:
-                ranked[alike] = _ranked(shapes, held, judges, alike=alike)
-            if (found := _first(display, held, ranked[alike], judges, clock)) is not None:
+                ranked[alike] = _ranked(shapes, held, replace(expected, periodic=alike or expected.periodic))
+            if (found := _first(display, held, ranked[alike], clock)) is not None:
                 break
         nothing = points[-1] if points else SharePoint(section.clear_dots, section.dots, 1)
         points.append(replace(found or nothing, sharing=display.rules.zone.sharing))
     return points
 
 
-def _ranked(shapes: Sequence[Candidate], rules: Constraints, judges: Judges, *, alike: bool) -> list[Candidate]:
-    """Shapes that bounds leave, those beside which straight lines pass first, and then by what they restore."""
+def _ranked(shapes: Sequence[Candidate], rules: Constraints, expected: ExpectedPsnr) -> list[Ranked]:
+    """Shapes that bounds leave, beside which straight lines pass where any do, by what they restore."""
     roomy, display = roomiest(shapes, rules), rules["emitters"]
     asked = display.rules.wires
     if not roomy:
         return []
     passing = np.full(len(roomy), display.opaque_lines)
     if asked is not None:
-        passing = straight_lines(np.stack([shape.unit for shape in roomy]), rules.dot_nm, asked.rules, turned=not alike)
+        units, turned = np.stack([shape.unit for shape in roomy]), display.wired is not Wired.REGULAR
+        passing = straight_lines(units, rules.dot_nm, asked.rules, turned=turned)
     straight = [shape for shape, lines in zip(roomy, passing, strict=True) if lines >= display.opaque_lines]
     # Where none pass straight, those with most room are asked.
-    likely = thinned(straight, _JUDGED) or roomy[:_JUDGED]
-    levels = judges.settings.levels
-    worth = [float(np.mean(judges.estimate(shape.unit, periodic=alike, levels=levels))) for shape in likely]
-    return [likely[k] for k in np.argsort(-np.array(worth), kind="stable")]
+    likely = thinned(straight, _JUDGED)[: 2 * _JUDGED] or roomy[:_JUDGED]
+    ranked = [Ranked(shape.name, shape.unit, expected(shape.unit)) for shape in likely]
+    return sorted(ranked, key=lambda one: -one.value)
 
 
-def _first(
-    display: Display, held: Constraints, ranked: Sequence[Candidate], judges: Judges, clock: Clock
-) -> SharePoint | None:
+def _first(display: Display, held: Constraints, ranked: Sequence[Ranked], clock: Clock) -> SharePoint | None:
     """The first shape whose display fits on a small die."""
     looked, alike = 0, held["emitters"].wired is Wired.REGULAR
     for shape in islice(_few_of_a_kind(ranked), _WALKED):
@@ -258,20 +252,13 @@ def _first(
             continue
         rules = display.rules
         judged = judgement(replace(panel, emitters=answer.emitters), rules.eye, rules.emitters, rules.light)
-        return SharePoint(
-            held.clear_dots,
-            held.dots,
-            rules.zone.sharing,
-            shape.name,
-            judges.estimate(shape.unit, periodic=alike, levels=judges.settings.levels),
-            alike,
-            answer.share,
-            (*judged.looks, *judged.lives),
-        )
+        numbers = (*judged.looks, *judged.lives)
+        sharing = rules.zone.sharing
+        return SharePoint(held.clear_dots, held.dots, sharing, shape.name, shape.value, alike, answer.share, numbers)
     return None
 
 
-def _few_of_a_kind(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
+def _few_of_a_kind(shapes: Iterable[Ranked]) -> Iterator[Ranked]:
     """Shapes in their order, of each family and size the first ones alone."""
     seen: Counter[tuple[str, int, int]] = Counter()
     for shape in shapes:
