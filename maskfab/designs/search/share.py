@@ -20,15 +20,17 @@ from itertools import chain, islice
 
 import numpy as np
 
+from maskfab.base.model import Panel
 from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
-from maskfab.designs.rules.display_fit import Display, Wired, misfit
+from maskfab.designs.rules.display_fit import Display, Wired, footprints_of, misfit
 from maskfab.designs.rules.families import Candidate, kind
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
 from maskfab.designs.search.held import kinds_of_panel, roomiest, shapes_of, straight_lines, thinned
 from maskfab.designs.search.result import constraints_of
 from maskfab.display.eye_and_life import Limited, judgement, kept
+from maskfab.display.feasibility import Feasibility, feasibility
 from maskfab.job.sections import SearchSection
 
 WITHIN_DB, COARSER_DB = 0.5, 1.0
@@ -37,8 +39,8 @@ ERROR_DB = 0.15
 """By which gains of a curve may differ from those of the design that is searched at its share."""
 SHARINGS = (1, 2, 4)
 _STEP, _LEAST, _MOST = 0.05, 0.10, 0.65
-_JUDGED = 100
-"""Shapes of a share that are judged, of thousands."""
+_MOST_SHAPES, _JUDGED = 900, 100
+"""Shapes of a share that bounds are asked of, of thousands; and that are judged."""
 _WALKED, _LOOKED = 24, 4
 """Of those, the best ones, whose rules are asked; and of which the display is placed as the check places it."""
 _AT_ONCE = 2
@@ -58,7 +60,7 @@ class SharePoint:
         shape: empty where none was found.
         value: expected restored PSNR before a map, dB, weighted mean over the levels; not a number where there is none.
         alike: whether lines were found only where all cells lie alike.
-        footprint: share of the pixel that the least of the colours covers.
+        footprint: share of the pixel that the least of the colours can cover, drawn straight.
         numbers: of the eye and of life, beside their limits.
     """
 
@@ -121,9 +123,10 @@ class ShareCurve:
         best, (low, high) = self.best, self.interval
         assert best is not None
         shared = "a circuit for every pixel" if best.sharing == 1 else f"{best.sharing} pixels to a circuit"
-        range_ = "" if low == high else f" ({low:.0%} to {high:.0%} within the error of {ERROR_DB:g} dB)"
+        fitting = [point for point in self.points if point.shape]
+        range_ = "" if low == high else f" ({low:.0%} to {high:.0%} for gains {ERROR_DB:g} dB off)"
         return (
-            f"Of {sum(bool(point.shape) for point in self.points)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {shared} were "
+            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {shared} were "
             f"chosen: the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits, and fewer "
             f"circuits only where they gain {COARSER_DB:g} dB."
         )
@@ -202,7 +205,7 @@ def _of_count(
     displays: Sequence[Display], section: SearchSection, expected: ExpectedPsnr, clock: Clock
 ) -> list[SharePoint]:
     """The point of each display."""
-    shapes = shapes_of(section.families, section.dots, section.clear_dots)
+    shapes = shapes_of(section.families, section.dots, section.clear_dots, _MOST_SHAPES)
     ranked: dict[bool, list[Ranked]] = {}
     points: list[SharePoint] = []
     for display in displays:
@@ -247,15 +250,26 @@ def _first(display: Display, held: Constraints, ranked: Sequence[Ranked], clock:
             continue
         looked += 1
         panel = display.small_die(shape.unit, held.dot_nm, _ACROSS, alike=alike)
-        answer = display.on(panel)
-        if answer is None or misfit(answer) is not None:
-            continue
-        rules = display.rules
-        judged = judgement(replace(panel, emitters=answer.emitters), rules.eye, rules.emitters, rules.light)
-        numbers = (*judged.looks, *judged.lives)
-        sharing = rules.zone.sharing
-        return SharePoint(held.clear_dots, held.dots, sharing, shape.name, shape.value, alike, answer.share, numbers)
+        # Emitters that look even take seconds to place, so that they are placed where others do not keep the limits.
+        for largest in (False, True):
+            answer = feasibility(panel, display.rules, largest=largest)
+            if answer is None or misfit(answer) is not None:
+                break
+            point = _seen(shape, replace(panel, emitters=answer.emitters), answer, display, held)
+            if point.holds or largest:
+                return point
     return None
+
+
+def _seen(shape: Ranked, lit: Panel, answer: Feasibility, display: Display, held: Constraints) -> SharePoint:
+    """The point of a panel with emitters; life is that of emitters as large as straight ones can be."""
+    rules, dots = display.rules, held.dots
+    judged = judgement(lit, rules.eye, rules.emitters, rules.light)
+    most = max(answer.share, footprints_of(held, rules.emitters)(shape.unit))
+    longer = (most / answer.share) ** rules.light.ageing_exponent
+    lives = [replace(one, value=one.value * longer) if one.name == "life" else one for one in judged.lives]
+    numbers, alike = (*judged.looks, *lives), held["emitters"].wired is Wired.REGULAR
+    return SharePoint(held.clear_dots, dots, rules.zone.sharing, shape.name, shape.value, alike, most, numbers)
 
 
 def _few_of_a_kind(shapes: Iterable[Ranked]) -> Iterator[Ranked]:
