@@ -35,6 +35,7 @@ from maskfab.report.documents.display import display_document
 from maskfab.report.documents.shape import Document, Part, Record, document_text, titled_schema, written
 from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
+from maskfab.report.figures import share as share_figures
 from maskfab.report.pages.breaches import NOTHING
 from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import USEFUL_DB, short
@@ -560,7 +561,8 @@ def pictures(advised: Advised) -> dict[str, str]:
         f"photograph_{key}": scene_figures.front(one, advised.level_db)["front"]
         for key, one in (("before", before), ("after", after))
     }
-    return {"panel": display_figures.placement(die.panel), **scene_figures.truth(after), **shot}
+    more = {"curve": share_figures.curve(advised.curve), **scene_figures.truth(after)}
+    return {"panel": display_figures.placement(die.panel), **more, **shot}
 
 
 def _beside(value: float | None) -> str:
