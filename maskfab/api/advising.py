@@ -13,6 +13,7 @@ from maskfab.api.briefing import ask_brief
 from maskfab.api.results import Asked, FolderResult, Told, saved
 from maskfab.api.results import answers as answered_by
 from maskfab.base.checks import checked_arguments
+from maskfab.base.effort import measured
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
@@ -106,7 +107,7 @@ def advise(
             openings exceed; else as for the job.
     """
     clock = budget_clock(parse_time_s(budget or BUDGET, where="budget"), refuses=budget is not None)
-    began, processor = time.monotonic(), time.process_time()
+    began = time.monotonic()
     moves: tuple[str, ...] = ()
     if job is not None:
         if answers is not None:
@@ -120,7 +121,7 @@ def advise(
         moves, command = tuple(f"Moved to a common grid: {move}." for move in made.moves), "maskfab advise job.toml"
     command += "" if budget in (None, BUDGET) else f" --budget '{budget}'"
     command += "" if images is None else f" --images {Path(images).as_posix()}"
-    with ended_by_interrupt(clock):
+    with measured(time.process_time) as effort, ended_by_interrupt(clock):
         found = advise_spec(
             spec,
             command,
@@ -130,7 +131,7 @@ def advise(
             clock=clock,
             notes=moves,
         )
-    taken = {"wall_s": time.monotonic() - began, "processor_s": time.process_time() - processor}
+    taken = {"wall_s": time.monotonic() - began, "processor_s": effort.seconds}
     return Advice(found, command, {key: round(seconds, 1) for key, seconds in taken.items()})
 
 

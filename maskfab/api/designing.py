@@ -21,6 +21,7 @@ from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, ans
 from maskfab.base import model, provenance
 from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
+from maskfab.base.effort import measured
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
@@ -350,8 +351,8 @@ def design(
     command += _start_words(start, begin)
     if isinstance(spec.design, RelaxSection):
         _refuse({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
-    began, processor = time.monotonic(), time.process_time()
-    with crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
+    began = time.monotonic()
+    with measured(time.process_time) as effort, crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
         best = design_spec(
             spec,
             command,
@@ -364,8 +365,7 @@ def design(
             begin=begin,
             executor=executor,
         )
-    taken = time.monotonic() - began, time.process_time() - processor
-    return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
+    return Design(best, Made(provenance.job_hash(spec.dump()), time.monotonic() - began, effort.seconds))
 
 
 def _refuse(stated: Mapping[str, object], design: str, asked: str) -> None:

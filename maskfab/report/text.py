@@ -309,7 +309,10 @@ USEFUL_DB = 1.0
 
 def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
-    cells, psnr = designed.designed, _levels(designed, designed.psnr if designed.designed is None else designed.designed.psnr)
+    cells, psnr = (
+        designed.designed,
+        _levels(designed, designed.psnr if designed.designed is None else designed.designed.psnr),
+    )
     lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
     lines[0] += "" if cells is None else ", with its map"
     if designed.shortfall is not None:
