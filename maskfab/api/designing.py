@@ -50,6 +50,7 @@ from maskfab.designs.front_designs import FrontDesign, designs
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
+from maskfab.job.faults import JobFaults
 from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
 from maskfab.job.sections import JobSpec, RelaxSection, SearchSection
@@ -549,13 +550,19 @@ def _front(
     progress: Progress,
 ) -> ParetoFront:
     clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
-    if spec.pareto is None:
-        what = "the job has no [pareto] section"
-        raise JobError("MF105", what, where=str(path), cure="Add a [pareto] section with clear_dots = [88, 100]")
-    section = spec.design
+    section, faults = spec.design, JobFaults.of_spec(spec)
+    for key, what, cure in (
+        ("pareto", "the job has no [pareto] section", "Add a [pareto] section with clear_dots = [88, 100]"),
+        ("emitters", "a front is of displays, and the job has no [emitters]", "Add [emitters], and [wires] for lines"),
+    ):
+        if getattr(spec, key) is None:
+            faults.add(JobError("MF105", what, where=f"{path}: {key}", cure=cure))
     if not isinstance(section, SearchSection):
         what = "a sweep is among compact shapes, and the job has no [design] that searches them"
-        raise JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"')
+        faults.add(JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"'))
+    faults.refuse()
+    assert spec.pareto is not None
+    assert isinstance(section, SearchSection)
     camera = PhotoCamera.of(spec.camera, where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
