@@ -82,10 +82,11 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
     """The job, whose display must fit, and its [design]; what no opening can keep is an answer, and not refused.
 
     Raises:
-        JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as
-            :func:`maskfab.designs.design.check_possible`; all at once.
+        JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as for
+            that die, and as :func:`maskfab.designs.design.check_possible`; all at once.
     """
     faults, section, spare = JobFaults.of_spec(spec), spec.design, spec.design and spec.design.output
+    others = [die for die in spec.die if die.opening != spare]
     with faults:
         if not isinstance(section_of(spec, where), SearchSection):
             what, cure = "advice is on openings that are searched by restored photographs", 'Set method = "search"'
@@ -94,9 +95,14 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
         if getattr(spec, name) is None:
             cure = f"Add [{name}], as in layouts/display_that_fits.toml"
             faults.add(JobError("MF105", f"the job has no [{name}]", where=f"{where}: {name}", cure=cure))
-    if all(die.opening == spare for die in spec.die):
+    if not others:
         cure = "Add [[die]] with the opening of a display as it is"
         faults.add(JobError("MF105", "the job has no die to compare the design with", where=f"{where}: die", cure=cure))
+    named = [die for die in others if spec.report is not None and die.name == spec.report.reference]
+    if section is not None and others:
+        with faults:
+            before = resolve(spec.model_copy(update={"die": tuple(named or others)[:1], "report": None}), Path(where))
+            shop_of(before.spec, before.where)
     if isinstance(section, SearchSection):
         # What lacks a display is told above, and not again as a display that must fit.
         section = section.model_copy(update={"fit": spec.emitters is not None})
