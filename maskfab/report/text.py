@@ -17,7 +17,8 @@ from maskfab.base.errors import UnknownNameError
 from maskfab.base.extras import require
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import columns
-from maskfab.base.units import UM_PER_MM, decimals_of
+from maskfab.base.units import NM_PER_UM, UM_PER_MM, decimals_of
+from maskfab.designs.rules.families import explained
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -315,6 +316,7 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     )
     lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
     lines[0] += "" if cells is None else ", with its map"
+    lines += filter(None, [explained(designed.opening.dot_nm / NM_PER_UM, designed.shape)])
     if designed.shortfall is not None:
         lines.insert(0, designed.shortfall.told)
     lines.append(f"for {designed.camera}")

@@ -167,6 +167,17 @@ def test_six_questions_are_answered_with_units_and_errors(answer, folder):
     assert any("[pareto]" in note for note in document["left_out"])
 
 
+def test_the_headline_says_what_the_opening_brings_and_what_turning_it_does(answer):
+    document = answer.to_dict()
+    build = next(told for told in document["answers"] if told["key"] == "build")
+    whole, turned, by_map, own = map(float, re.findall(r"[-+]\d+\.\d", build["sentence"].partition("Of the ")[2]))
+    assert round(turned + by_map + own, 1) == whole == round(answer.found.gain(answer.found.level_db).mean, 1)
+    rows = rows_of(document, "build")
+    mapped, random = (rows[f"gain by cells turned {way}"]["value"] for way in ("by their map", "at random"))
+    assert mapped - random == pytest.approx(answer.found.designed.designed.gain_db[answer.found.at])
+    assert "in dots of 8 µm" in build["method"]
+
+
 def test_what_else_there_is_was_computed(answer):
     rows = rows_of(answer.to_dict(), "others")
     largest = rows["gain by the largest opening that fits"]

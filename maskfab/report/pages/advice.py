@@ -24,6 +24,7 @@ from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.designs.rules.display_fit import misfit
+from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import Designed
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
@@ -296,14 +297,14 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
     designed, at = advised.designed, advised.at
     opening, alike = designed.opening, designed.account is not None and designed.account.tiling is Tiling.PERIODIC
     pitch_um, dot_um = opening.dots * opening.dot_nm / NM_PER_UM, opening.dot_nm / NM_PER_UM
-    ways = {} if alike else {"cells turned at random": designed.psnr[at]}
+    # Each gain is by one model: of turning, by the mean over random tilings; of the map, by the panel that is laid.
+    turned = None if alike or designed.outer is not None else designed.psnr[at] - advised.alike_psnr[at]
+    by_map = 0.0 if designed.designed is None else designed.designed.gain_db[at]
+    ways = {} if turned is None else {"cells turned at random": turned}
     if designed.designed is not None:
-        ways["cells turned by their map"] = designed.designed.psnr[at]
+        ways["cells turned by their map" if ways else "its map over cells turned at random"] = (turned or 0.0) + by_map
     laid = list(ways)[-1] if ways else "all cells laid alike"
-    rows = [
-        _row(f"gain by {way}", value - advised.alike_psnr[at], "dB", "built" if way == laid else "")
-        for way, value in ways.items()
-    ]
+    rows = [_row(f"gain by {way}", gain, "dB", "built" if way == laid else "") for way, gain in ways.items()]
     if designed.shortfall is not None:
         rows.append(_row("clear dots", opening.clear_dots, "", designed.shortfall.told))
     dense = "the same all over the stop" if designed.outer is None else "more in the middle of the stop"
@@ -311,10 +312,31 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
     rows.append(_row("light", dense, "", f"{designed.evaluated} openings judged, seed {seed}"))
     return (
         f"{opening.clear_dots} clear dots of {dot_um:g} µm in each pixel of {pitch_um:g} µm, {opening.open_ratio:.1%} "
-        f"of it: {designed.shape}; {laid}.",
+        f"of it: {designed.shape}; {laid}.{_shares(advised, turned, by_map)}",
         f"Gains are over the same opening with all cells laid alike, at {designed.levels[at]:.3g} dB of light "
-        f"(signal-to-noise of white): {_MODEL}.",
+        f"(signal-to-noise of white): {_MODEL}. {explained(dot_um, designed.shape)}.",
         rows,
+    )
+
+
+def _shares(advised: Advised, turned: float | None, by_map: float) -> str:
+    """Sentence on how much of the photographs' gain is the opening's own, and how much that of turning it.
+
+    Args:
+        turned: gain by turning cells at random, dB; None where they lie alike, or openings are two.
+        by_map: gain of the map over that, dB.
+    """
+    if advised.job.spec.die[0].tiling is not Tiling.PERIODIC:
+        return ""
+    gain = round(advised.gain(advised.level_db).mean, 1)
+    whole = f" Of the {gain:+.1f} dB of its photographs at {advised.light(advised.level_db)}"
+    if turned is None:
+        return "" if advised.designed.outer is not None else f"{whole}, all are the opening's own: no cell is turned."
+    parts = [round(turned, 1), round(by_map, 1)]
+    more = "" if advised.designed.designed is None else f", their map {parts[1]:+z.1f}"
+    own = gain - sum(parts)
+    return (
+        f"{whole}, turning its cells brings about {parts[0]:+z.1f}{more}, and the opening itself the rest, {own:+z.1f}."
     )
 
 

@@ -23,6 +23,7 @@ from maskfab.base import __version__
 from maskfab.base.folders import Place
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.designs.model.appraisal import Robustness, Varied, laid_picture
+from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, Account, Alternative, Alternatives, Prices
 from maskfab.mask.panels import shifted
 from maskfab.optics.tiling import orientations
@@ -418,6 +419,7 @@ def design_page(document: Record) -> str:
         levels=levels,
         headline=sum(laid.values()) / len(laid),
         turned=_turned(panel),
+        named=explained(document["dot_um"], document["shape"]),
         display=_display(document["fit"], document["shortfall"]),
         room=_room(document, levels),
         rules_line=_rules_line(document, search),
