@@ -20,7 +20,7 @@ from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
 from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
 from maskfab.designs.design import scenes_of
-from maskfab.job.brief import Brief, Move, job_text, snapped
+from maskfab.job.brief import Brief, job_text, snapped
 from maskfab.job.read import validate
 from maskfab.job.toml import loads
 from maskfab.report.pages.advice import (
@@ -121,7 +121,7 @@ def advise(
     """
     clock = budget_clock(parse_time_s(budget or BUDGET, where="budget"), refuses=budget is not None)
     began = time.monotonic()
-    moves, text = tuple[Move, ...](), ""
+    notes, text = tuple[str, ...](), ""
     if job is not None:
         if answers is not None:
             what = "answers cannot be stated beside a job, which says what is designed"
@@ -130,7 +130,8 @@ def advise(
         command = f"maskfab advise {path.as_posix()}"
     else:
         made = snapped(answers if isinstance(answers, Brief) else Brief.of(answers or {}))
-        moves, text, path, command = made.moves, job_text(made), Path("answers"), "maskfab advise job.toml"
+        notes = (*(f"Moved to a common grid: {move}." for move in made.moves), *filter(None, [made.finer]))
+        text, path, command = job_text(made), Path("answers"), "maskfab advise job.toml"
         spec = validate(loads(text), where="answers")
     command += "" if budget in (None, BUDGET) else f" --budget '{budget}'"
     command += "" if images is None else f" --images {Path(images).as_posix()}"
@@ -139,7 +140,7 @@ def advise(
         _, section = searched(spec, str(path))
         scenes_of(given, section)
         work = f"{sought(spec)}; photographs, display, mask houses and larger openings"
-        return Foreseen(work, command, clock.budget_s, job=text, moves=tuple(map(str, moves)))
+        return Foreseen(work, command, clock.budget_s, job=text, notes=notes)
     with measured(time.process_time) as effort, ended_by_interrupt(clock):
         found = advise_spec(
             spec,
@@ -148,7 +149,7 @@ def advise(
             images=given,
             progress=progress,
             clock=clock,
-            notes=tuple(f"Moved to a common grid: {move}." for move in moves),
+            notes=notes,
         )
     taken = {"wall_s": time.monotonic() - began, "processor_s": effort.seconds}
     return Advice(found, command, {key: round(seconds, 1) for key, seconds in taken.items()})

@@ -19,7 +19,7 @@ class Foreseen(Result):
         budget_s: seconds that it may take, within a fifth; None for no limit.
         makes: files that would be written, as far as the call says where.
         job: text of the job that answers ask for; empty for a job's file.
-        moves: numbers of it that differ from the answers, in words.
+        notes: numbers of it that differ from the answers, and what else a user should know, as sentences.
     """
 
     work: str
@@ -27,7 +27,7 @@ class Foreseen(Result):
     budget_s: float | None
     makes: tuple[str, ...] = ()
     job: str = ""
-    moves: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def takes(self) -> str:
@@ -43,7 +43,7 @@ class Foreseen(Result):
     def __str__(self) -> str:
         lines = [f"would do: {self.work}", f"by: {self.command}", f"takes: {self.takes}"]
         lines += [f"would write: {path}" for path in self.makes]
-        lines += [f"moved: {move}" for move in self.moves]
+        lines += [f"note: {note}" for note in self.notes]
         return "\n".join([*lines, *(["", self.job] if self.job else [])])
 
 

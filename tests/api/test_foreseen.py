@@ -46,7 +46,7 @@ def test_a_front_is_told_beforehand(capsys: pytest.CaptureFixture[str], tmp_path
 def test_advice_from_answers_shows_the_job_and_what_moved() -> None:
     told = mf.advise(answers=ANSWERS, dry_run=True)
     assert told.budget_s == 60
-    assert any(move.startswith("pitch 55.217 um -> 55 um") for move in told.moves)
+    assert any("pitch 55.217 um -> 55 um" in note for note in told.notes)
     assert loads(told.job)["design"]["pitch"] == "55 um"
     assert told.job in str(told)
     json.dumps(told.to_dict())
