@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from html import unescape
 
 import pytest
 from browser import faults
@@ -22,7 +23,7 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
-from maskfab.report.pages.advice import WORTH_DB, AdvicePart, advice_document, schema
+from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
 
@@ -224,6 +225,24 @@ def test_the_page_is_one_sheet_and_needs_nothing_else(answer, folder, chromium):
     assert answer._repr_html_() == page
     paper = chromium.printed(folder / "advice.html")
     assert len(re.findall(rb"/Type\s*/Page[^s]", paper)) == 1
+
+
+def test_long_notes_stand_once_below_their_table_and_every_table_scrolls(answer, folder):
+    page = unescape((folder / "advice.html").read_text())
+    beside = re.findall(r'<td class="how">(.*?)</td>', page)
+    assert max(map(len, beside)) <= NOTE_CHARACTERS
+    for told in answer.to_dict()["answers"]:
+        section = page[page.index(f'<section id="{told["key"]}">') :].partition("</section>")[0]
+        long = {row["how"] for row in told["rows"] if len(row["how"]) > NOTE_CHARACTERS}
+        assert sorted(re.findall(r"<li>(.*?)</li>", section)) == sorted(long)
+        numbers = re.findall(r"<sup>(\d+)</sup>", section)
+        assert len(numbers) == sum(row["how"] in long for row in told["rows"])
+        assert set(numbers) == {str(number) for number in range(1, len(long) + 1)}
+        assert section.count("<table") == section.count('<div class="scroll"><table') == 1
+    # A telephone gets one column.
+    assert re.search(
+        r"@media screen and \(max-width: 760px\) \{ \.two \{ grid-template-columns: minmax\(0, 1fr\)", page
+    )
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

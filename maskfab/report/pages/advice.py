@@ -553,12 +553,24 @@ def _beside(value: float | None) -> str:
     return "–" if value is None else "0" if abs(value) < NOTHING else short(value, 2 if abs(value) < 10 else 3)
 
 
+NOTE_CHARACTERS = 36
+"""Longest note that stands in its row of a table; longer ones stand once below it, by their number."""
+
+
+def _noted(answer: Record) -> dict[str, Any]:
+    """An answer whose long notes are told once, below its rows, each of which has the number of its own."""
+    notes = list(dict.fromkeys(row["how"] for row in answer["rows"] if len(row["how"]) > NOTE_CHARACTERS))
+    numbers = {note: number for number, note in enumerate(notes, start=1)}
+    rows = [{**row, "note": numbers.get(row["how"])} for row in answer["rows"]]
+    return {**answer, "rows": rows, "notes": notes}
+
+
 def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
     """The page, with nothing from outside it."""
     return page_template("advice.html.j2", cell=shown, beside=_beside, bound=bound).render(
         style=style(),
         told=document,
-        answers={answer["key"]: answer for answer in document["answers"]},
+        answers={answer["key"]: _noted(answer) for answer in document["answers"]},
         pictures={key: Markup(image) for key, image in drawn.items()},
     )
 
