@@ -23,6 +23,7 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
+from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
@@ -243,6 +244,23 @@ def test_long_notes_stand_once_below_their_table_and_every_table_scrolls(answer,
     assert re.search(
         r"@media screen and \(max-width: 760px\) \{ \.two \{ grid-template-columns: minmax\(0, 1fr\)", page
     )
+
+
+def test_a_photograph_that_a_reader_can_judge_stands_beside_the_drawn_scenes(answer, folder):
+    page = unescape((folder / "advice.html").read_text())
+    assert re.search(
+        r"A photograph at 32 dB of light, in no mean: [-+]\d+\.\d dB\. Grace Hopper by the U\.S\. Navy, in the public",
+        page,
+    )
+    before, after = map(float, re.findall(r"restored, (\d+\.\d\d) dB", page)[2:4])
+    told = float(re.search(r"in no mean: ([-+]\d+\.\d) dB", page)[1])
+    assert told == pytest.approx(after - before, abs=0.06)
+    assert page.count('class="photograph"') + page.count("class='photograph'") == 6
+
+
+def test_no_photograph_is_no_fault(answer, monkeypatch):
+    monkeypatch.setattr(page_of_advice, "portrait", lambda: None)
+    assert "portrait_told" not in page_of_advice.pictures(answer.found)
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

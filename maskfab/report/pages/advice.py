@@ -22,13 +22,16 @@ from maskfab.base import __version__
 from maskfab.base.folders import Place
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
-from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.scenes import PORTRAIT, portrait
+from maskfab.camera.scores import CONFIDENCE, Crop, MeanDifference, Shot, truth_of
 from maskfab.designs.rules.display_fit import misfit
 from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import Designed
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
-from maskfab.findings.photographs import NOISE_DB, Photographs
+from maskfab.findings.optics import plate_as_seen
+from maskfab.findings.photographs import NOISE_DB, Photographs, Restored, Surroundings
 from maskfab.mask.job import Job
 from maskfab.mask.package.pack import Bid
 from maskfab.report.documents.display import display_document
@@ -546,7 +549,30 @@ def pictures(advised: Advised) -> dict[str, str]:
         f"photograph_{key}": scene_figures.front(one, advised.level_db)["front"]
         for key, one in (("before", before), ("after", after))
     }
-    return {"panel": display_figures.placement(die.panel), **scene_figures.truth(after), **shot}
+    panel = display_figures.placement(die.panel)
+    return {"panel": panel, **scene_figures.truth(after), **shot, **_portraits(advised)}
+
+
+def _portraits(advised: Advised) -> dict[str, str]:
+    """``<img>`` elements of one photograph that a reader can judge, before, after and as it is, and a caption; none
+    where brackets ask for highlights, or there is no photograph."""
+    conditions, level, job, scene = advised.photographs.conditions, advised.level_db, advised.job, portrait()
+    if scene is None or conditions.protocol.brackets:
+        return {}
+    panels = {die.name: die.panel for die in plate_as_seen(job, job.plate()).dies}
+    shots: list[Shot] = []
+    for name in advised.photographs.dies:
+        seen, _ = conditions.design(name, panels[name], Surroundings.of(job))
+        evaluate(
+            [seen], [scene], [scene], [level], protocol=conditions.protocol, details=False, expected=True,
+            show=lambda score, picture: shots.append(Shot(score, picture)),
+        )  # fmt: skip
+    before, after = (scene_figures.front(Restored(shots=(shot,)), level)["front"] for shot in shots)
+    rows, columns = shots[0].picture.shape[1:]
+    itself = scene_figures.tile(truth_of(scene, Crop(rows, columns)), "the photograph as it is")
+    gain = shots[1].score.psnr - shots[0].score.psnr
+    told = f"A photograph at {advised.light(level)}, in no mean: {gain:+.1f} dB. {PORTRAIT}."
+    return {"portrait_before": before, "portrait_after": after, "portrait_truth": itself, "portrait_told": told}
 
 
 def _beside(value: float | None) -> str:
