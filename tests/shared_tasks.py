@@ -26,3 +26,11 @@ def printed(number: int) -> int:
     """The number, and a word where answers go."""
     print("a word to nobody")
     return number
+
+
+def busy(seconds: float) -> int:
+    """Keep a processor busy for so many of its seconds, and return the number of the process."""
+    began = time.thread_time()
+    while time.thread_time() < began + seconds:
+        pass
+    return os.getpid()

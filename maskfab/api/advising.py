@@ -4,25 +4,37 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from maskfab.api.asked import spec_of
 from maskfab.api.briefing import ask_brief
+from maskfab.api.foreseen import Foreseen, sought
 from maskfab.api.results import Asked, FolderResult, Told, saved
 from maskfab.api.results import answers as answered_by
 from maskfab.base.checks import checked_arguments
+from maskfab.base.effort import measured
 from maskfab.base.errors import JobError
 from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
 from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
+from maskfab.designs.design import scenes_of
 from maskfab.job.brief import Brief, job_text, snapped
 from maskfab.job.read import validate
 from maskfab.job.toml import loads
-from maskfab.report.pages.advice import Advised, advice_document, advice_lines, advice_page, pictures, write_advice
+from maskfab.report.pages.advice import (
+    DOCUMENT,
+    PAGE,
+    Advised,
+    advice_document,
+    advice_lines,
+    advice_page,
+    pictures,
+    write_advice,
+)
 from maskfab.runs.advice import advise as advise_spec
-from maskfab.runs.advice import job_files
+from maskfab.runs.advice import job_files, searched
 
 if TYPE_CHECKING:
     from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
@@ -79,9 +91,10 @@ def advise(
     *,
     answers: Annotated[Mapping[str, str] | Brief | None, "--set KEY=VALUE"] = None,
     budget: Annotated[str | None, "TIME"] = None,
+    dry_run: bool = False,
     images: str | Path | None = None,
     progress: Progress = silent,
-) -> Advice:
+) -> Advice | Foreseen:
     """Say what to build for a display and its camera, what photographs gain, what it costs, who writes it, or why not.
 
     Without a job, questions are asked on a terminal: pitch, layout, emitters, lines, camera, light and limits.
@@ -98,6 +111,7 @@ def advise(
             ``device`` answers what was published of one, as :func:`maskfab.new` lists them.
         budget: time from the call on, such as ``"5 min"``; more finds better openings, proves bounds and tries more; by
             default 60 s, or as long as the first openings and their photographs take where the machine is slow.
+        dry_run: tell what would be designed, by which job, and for how long; write nothing.
         images: folder of photographs to design for; by default synthetic scenes.
         progress: told where the work stands.
 
@@ -106,8 +120,8 @@ def advise(
             openings exceed; else as for the job.
     """
     clock = budget_clock(parse_time_s(budget or BUDGET, where="budget"), refuses=budget is not None)
-    began, processor = time.monotonic(), time.process_time()
-    moves: tuple[str, ...] = ()
+    began = time.monotonic()
+    notes, text = tuple[str, ...](), ""
     if job is not None:
         if answers is not None:
             what = "answers cannot be stated beside a job, which says what is designed"
@@ -116,32 +130,43 @@ def advise(
         command = f"maskfab advise {path.as_posix()}"
     else:
         made = snapped(answers if isinstance(answers, Brief) else Brief.of(answers or {}))
-        spec, path = validate(loads(job_text(made)), where="answers"), Path("answers")
-        moves, command = tuple(f"Moved to a common grid: {move}." for move in made.moves), "maskfab advise job.toml"
+        notes = (*(f"Moved to a common grid: {move}." for move in made.moves), *filter(None, [made.finer]))
+        text, path, command = job_text(made), Path("answers"), "maskfab advise job.toml"
+        spec = validate(loads(text), where="answers")
     command += "" if budget in (None, BUDGET) else f" --budget '{budget}'"
     command += "" if images is None else f" --images {Path(images).as_posix()}"
-    with ended_by_interrupt(clock):
+    given = None if images is None else Path(images)
+    if dry_run:
+        _, section = searched(spec, str(path))
+        scenes_of(given, section)
+        work = f"{sought(spec)}; photographs, display, mask houses and larger openings"
+        return Foreseen(work, command, clock.budget_s, job=text, notes=notes)
+    with measured(time.process_time) as effort, ended_by_interrupt(clock):
         found = advise_spec(
             spec,
             command,
             path=path,
-            images=None if images is None else Path(images),
+            images=given,
             progress=progress,
             clock=clock,
-            notes=moves,
+            notes=notes,
         )
-    taken = {"wall_s": time.monotonic() - began, "processor_s": time.process_time() - processor}
+    taken = {"wall_s": time.monotonic() - began, "processor_s": effort.seconds}
     return Advice(found, command, {key: round(seconds, 1) for key, seconds in taken.items()})
 
 
 @answered_by(advise)
 def _advise(asked: Asked) -> Told:
     """Places are looked at before any question or work."""
-    if asked.out is None and not asked.as_json:
+    planned = asked.stated.get("dry_run")
+    if asked.out is None and not asked.as_json and not planned:
         cure = "Add -o with a folder for the page, its numbers, and the job"
         raise JobError("MF105", "the answer has no output folder", where="--out", cure=cure)
     if asked.out is not None:
         check_target(asked.out, force=asked.force)
     if "job" not in asked.stated:
         asked.stated["answers"] = ask_brief(asked, asked.stated.get("answers") or {})
-    return saved(asked)
+    if not planned:
+        return saved(asked)
+    makes = [] if asked.out is None else [str(asked.out / name) for name in (PAGE, DOCUMENT, "job.toml")]
+    return Told.of(replace(asked.found(), makes=tuple(makes)))

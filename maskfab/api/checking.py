@@ -336,12 +336,12 @@ def _fit(
     from maskfab.display.feasibility import display_rules, displays, plate_of, widest_gaps
     from maskfab.runs.stages import executor_of
 
-    rules = display_rules(loaded)
+    rules, faults = display_rules(loaded), JobFaults.of_spec(loaded.spec)
     if rules is None:
-        raise JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=cure)
-    faults = JobFaults.of_spec(loaded.spec)
+        faults.add(JobError("MF105", "the job asks for no emitters", where=f"{loaded.where}: emitters", cure=cure))
     plate = plate_of(loaded, faults)
     faults.refuse()
+    assert rules is not None
     assert plate is not None
     _, plate = _asked_of(plate, die)
     with executor_of(loaded) as executor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from maskfab.api.asked import spec_of
 from maskfab.api.camera import Camera, protocol_f1
+from maskfab.api.foreseen import Foreseen, sought
 from maskfab.api.lengths import Length, length_text, sections_as_text
 from maskfab.api.opening import Opening
 from maskfab.api.panel import Panel
@@ -21,6 +22,7 @@ from maskfab.api.results import Asked, FolderResult, InPython, Result, Told, ans
 from maskfab.base import model, provenance
 from maskfab.base.arrays import Mask
 from maskfab.base.checks import checked_arguments
+from maskfab.base.effort import measured
 from maskfab.base.errors import JobError, OutputError
 from maskfab.base.folders import Place, check_file, check_target, write_text
 from maskfab.base.units import NM_PER_UM, parse_time_s
@@ -31,6 +33,7 @@ from maskfab.designs.design import (
     capture_settings,
     check_possible,
     notes_of,
+    require_able,
     require_weights,
     scenes_line,
     scenes_of,
@@ -49,6 +52,7 @@ from maskfab.designs.front_designs import FrontDesign, designs
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.result import Designed
+from maskfab.job.faults import JobFaults
 from maskfab.job.read import read, validate
 from maskfab.job.reference import USES
 from maskfab.job.sections import JobSpec, RelaxSection, SearchSection
@@ -57,7 +61,7 @@ from maskfab.mask.opening_file import load_opening, opening_text
 from maskfab.mask.opening_masks import closed, from_array
 from maskfab.mask.panels import CellMap
 from maskfab.report.pages import pareto
-from maskfab.report.pages.design import Made, designed_document, write_design
+from maskfab.report.pages.design import DOCUMENT, PAGE, Made, designed_document, write_design
 from maskfab.report.text import designed_lines
 from maskfab.runs.store import of_installation
 
@@ -222,6 +226,11 @@ def design(
 ) -> ParetoFront: ...  # fmt: skip
 @overload
 def design(
+    job: DesignJob | None = ..., *, dry_run: Literal[True], front: bool = ..., images: str | Path | None = ...,
+    budget: str | None = ..., checkpoint: str | Path | None = ..., command: str | None = ..., **keys: Any,
+) -> Foreseen: ...  # fmt: skip
+@overload
+def design(
     job: DesignJob | None = ..., *, start: model.Opening | ArrayLike | None = ..., dots: int | None = ...,
     pitch: Length | None = ..., clear_dots: int | None = ...,
     camera: Camera | None = ..., name: str | None = ..., method: Literal["search", "relax"] | None = ...,
@@ -254,13 +263,14 @@ def design(
     images: str | Path | None = None,
     budget: Annotated[str | None, "TIME"] = None,
     checkpoint: str | Path | None = None,
+    dry_run: bool = False,
     price_rules: bool = False,
     scheduler: Annotated[str | None, "ADDRESS"] = None,
     workers: Annotated[int | None, "1..1024"] = None,
     command: InPython[str | None] = None,
     progress: Progress = silent,
     **keys: Any,
-) -> Design | ParetoFront:
+) -> Design | ParetoFront | Foreseen:
     """Find the opening through which photographs restore best, and its map; or the front of designs for a display.
 
     Examples:
@@ -294,6 +304,7 @@ def design(
         budget: time from the call on, such as ``"60 s"``, within a fifth: take the best that was found by then. Bounds
             and the like are left out where they would take most of it.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
+        dry_run: tell what would be searched and for how long; write nothing. A checkpoint is not looked into.
         price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
         scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
         workers: processes; by default as many as processors and memory bear. The design is the same, unless a budget
@@ -317,7 +328,13 @@ def design(
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
         return _front(
-            *spec_of(job, "design"), images=images, budget=budget, workers=crew, command=command, progress=progress
+            *spec_of(job, "design"),
+            images=images,
+            budget=budget,
+            workers=crew,
+            command=command,
+            progress=progress,
+            dry_run=dry_run,
         )
     clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
     begin = None if start is None else _begun(start)
@@ -350,22 +367,25 @@ def design(
     command += _start_words(start, begin)
     if isinstance(spec.design, RelaxSection):
         _refuse({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
-    began, processor = time.monotonic(), time.process_time()
-    with crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
+    photographs, state = (None if path is None else Path(path) for path in (images, checkpoint))
+    if dry_run:
+        require_able(spec, where, photographs, state, begin)
+        return Foreseen(sought(spec), command, clock.budget_s)
+    began = time.monotonic()
+    with measured(time.process_time) as effort, crew.executor(_TASKS) as executor, ended_by_interrupt(clock):
         best = design_spec(
             spec,
             command,
             where=where,
-            images=None if images is None else Path(images),
+            images=photographs,
             progress=progress,
             clock=clock,
-            checkpoint=None if checkpoint is None else Path(checkpoint),
+            checkpoint=state,
             price_rules=price_rules,
             begin=begin,
             executor=executor,
         )
-    taken = time.monotonic() - began, time.process_time() - processor
-    return Design(best, Made(provenance.job_hash(spec.dump()), *taken))
+    return Design(best, Made(provenance.job_hash(spec.dump()), time.monotonic() - began, effort.seconds))
 
 
 def _refuse(stated: Mapping[str, object], design: str, asked: str) -> None:
@@ -391,6 +411,9 @@ def _design(asked: Asked) -> Told:
     for target in targets.values():
         check_file(target, force=asked.force)
     designed = asked.found()
+    if isinstance(designed, Foreseen):
+        makes = map(str, targets.values() if folder is None else (folder / name for name in (DOCUMENT, PAGE)))
+        return Told.of(replace(designed, makes=tuple(makes)))
     if folder is not None:
         written = designed.save(folder, force=asked.force)
         paths = {part: folder / name for part, name in designed.names.items()}
@@ -443,6 +466,8 @@ def _design_front(asked: Asked, job: Path) -> Told:
         command += "" if value is None else f" --{option} {text}"
     check_target(asked.out, force=asked.force)
     front = asked.found(command=command)
+    if isinstance(front, Foreseen):
+        return Told.of(replace(front, makes=(str(asked.out),)))
     asked.progress("files", 0, 1)
     paths = front.save(asked.out, force=asked.force)
     asked.progress("files", 1, 1)
@@ -547,15 +572,22 @@ def _front(
     workers: Workers,
     command: str | None,
     progress: Progress,
-) -> ParetoFront:
+    dry_run: bool,
+) -> ParetoFront | Foreseen:
     clock = budget_clock(None if budget is None else parse_time_s(budget, where="budget"))
-    if spec.pareto is None:
-        what = "the job has no [pareto] section"
-        raise JobError("MF105", what, where=str(path), cure="Add a [pareto] section with clear_dots = [88, 100]")
-    section = spec.design
+    section, faults = spec.design, JobFaults.of_spec(spec)
+    for key, what, cure in (
+        ("pareto", "the job has no [pareto] section", "Add a [pareto] section with clear_dots = [88, 100]"),
+        ("emitters", "a front is of displays, and the job has no [emitters]", "Add [emitters], and [wires] for lines"),
+    ):
+        if getattr(spec, key) is None:
+            faults.add(JobError("MF105", what, where=f"{path}: {key}", cure=cure))
     if not isinstance(section, SearchSection):
         what = "a sweep is among compact shapes, and the job has no [design] that searches them"
-        raise JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"')
+        faults.add(JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"'))
+    faults.refuse()
+    assert spec.pareto is not None
+    assert isinstance(section, SearchSection)
     camera = PhotoCamera.of(spec.camera, where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
@@ -570,6 +602,10 @@ def _front(
     rules = rules_of(section, display, compared)
     lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
     scenes = scenes_of(None if images is None else Path(images), section)
+    command = command or f"maskfab.design({path.as_posix()!r}, front=True)"
+    if dry_run:
+        counts = f"{' and '.join(map(str, spec.pareto.clear_dots))} clear dots"
+        return Foreseen(f"{sought(spec)}; a front of {counts}", command, clock.budget_s)
     swept = sweep(
         spec.pareto,
         section,
@@ -582,7 +618,7 @@ def _front(
         workers=workers,
         progress=progress,
     )
-    made = designs(swept, spec, command or f"maskfab.design({path.as_posix()!r}, front=True)", camera, settings)
+    made = designs(swept, spec, command, camera, settings)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
     scenes_words = scenes_line(scenes, None if images is None else Path(images))
     return ParetoFront(swept, made, digest, scenes_words, notes_of(spec, scenes, USES["design --front"], settings))

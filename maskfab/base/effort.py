@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -20,7 +20,7 @@ class Effort:
     """Cost of work so far.
 
     Attributes:
-        seconds: of a processor, in this thread and in helpers that it waited for.
+        seconds: of a processor, in this thread, or process, and in others that it waited for.
         bytes: of memory that the largest process held at its most.
     """
 
@@ -36,9 +36,13 @@ _WORK: ContextVar[Effort | None] = ContextVar("work", default=None)
 
 
 @contextmanager
-def measured() -> Iterator[Effort]:
-    """Measure what is done within: known when it is left. Only the main thread tells the memory of this process."""
-    effort, begun = Effort(), time.thread_time()
+def measured(clock_s: Callable[[], float] = time.thread_time) -> Iterator[Effort]:
+    """Measure what is done within: known when it is left. Only the main thread tells the memory of this process.
+
+    Args:
+        clock_s: seconds of the processor here: of this thread, or of all threads by :func:`time.process_time`.
+    """
+    effort, begun = Effort(), clock_s()
     main = threading.current_thread() is threading.main_thread()
     if main:
         _forget_peak()
@@ -47,12 +51,14 @@ def measured() -> Iterator[Effort]:
         yield effort
     finally:
         _WORK.reset(token)
-        effort.add(time.thread_time() - begun, _peak() if main else 0.0)
+        if (around := _WORK.get()) is not None:
+            around.add(effort.seconds, effort.bytes)
+        effort.add(clock_s() - begun, _peak() if main else 0.0)
 
 
 def add_helper(seconds: float) -> None:
-    """Count the seconds of a helper process that has ended to the work that is measured here, and its memory, unless an
-    earlier one had more: the system tells that of the largest so far."""
+    """Count the seconds of another process to the work that is measured here, and the memory of those that have ended,
+    unless an earlier one had more: the system tells that of the largest so far."""
     if (effort := _WORK.get()) is not None:
         effort.add(seconds, _helpers_peak())
 

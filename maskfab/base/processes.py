@@ -37,6 +37,7 @@ from threading import Condition, Thread
 from types import MappingProxyType, TracebackType
 from typing import Any, BinaryIO, Generic, Literal, TypeAlias, TypeVar
 
+from maskfab.base.effort import add_helper, measured
 from maskfab.base.errors import InputError, InternalError
 from maskfab.base.machine import STARTED_BY, end_with_starter
 from maskfab.base.work import THREADS, settle
@@ -279,7 +280,7 @@ class ProcessExecutor(SerialExecutor):
     def __enter__(self) -> ProcessExecutor:
         self._waiting: list[tuple[float, int, Task[Any]]] = []
         self._changed, self._numbers = Condition(), count()
-        self._closed, self._held = False, 0.0
+        self._closed, self._held, self._spent_s = False, 0.0, 0.0
         self._running: set[Other] = set()
         self._threads = [Thread(target=self._lend, daemon=True) for _ in range(self._others)]
         for thread in self._threads:
@@ -297,6 +298,7 @@ class ProcessExecutor(SerialExecutor):
                 other.kill()
         for thread in self._threads:
             thread.join()
+        add_helper(self._spent_s)
 
     def submit(self, call: Call[Found]) -> Task[Found]:
         """A task that may begin at once."""
@@ -387,7 +389,10 @@ class ProcessExecutor(SerialExecutor):
         for again in (False, True):
             try:
                 other = other or self._started()
-                task.end(*other.answer(message))
+                kind, content, seconds, spent_s = other.answer(message)
+                with self._changed:
+                    self._spent_s += spent_s
+                task.end(kind, content, seconds)
                 return other
             except (OSError, EOFError, pickle.UnpicklingError) as error:
                 if other is None or self._closed:
@@ -444,8 +449,8 @@ class Other(ABC):
     """Another process, which answers one message after the other."""
 
     @abstractmethod
-    def answer(self, message: bytes) -> tuple[_Kind, Any, float]:
-        """Result of a task, and the seconds that it took.
+    def answer(self, message: bytes) -> tuple[_Kind, Any, float, float]:
+        """Result of a task, the seconds that it took, and those of the processor, with what it had to import.
 
         Raises:
             OSError, EOFError: if the process has ended.
@@ -488,7 +493,7 @@ class LocalProcess(Other):
     def kill(self) -> None:
         self._process.kill()
 
-    def answer(self, message: bytes) -> tuple[_Kind, Any, float]:
+    def answer(self, message: bytes) -> tuple[_Kind, Any, float, float]:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -530,11 +535,14 @@ def work() -> None:
 
 def answer(message: BinaryIO) -> bytes:
     """Result of a task that another process wrote, as it reads it."""
-    function, given = pickle.load(message)
-    start = time.perf_counter()
-    try:
-        finding = function(*given)
-    except Exception as error:
-        error.add_note(traceback.format_exc())
-        return pickled(("raised", error, time.perf_counter() - start))
-    return pickled(("found", finding, time.perf_counter() - start))
+    with measured() as effort:
+        function, given = pickle.load(message)
+        start = time.perf_counter()
+        outcome: tuple[_Kind, Any]
+        try:
+            outcome = "found", function(*given)
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            outcome = "raised", error
+        seconds = time.perf_counter() - start
+    return pickled((*outcome, seconds, effort.seconds))

@@ -326,6 +326,18 @@ def drawn(count: int = 4, *, highlights: bool) -> tuple[Photograph, ...]:
     return tuple(map(lit, bundled(count)) if highlights else bundled(count))
 
 
+PORTRAIT = "Grace Hopper by the U.S. Navy, in the public domain, as matplotlib brings it along"
+
+
+def portrait() -> Photograph | None:
+    """A photograph that anybody can judge, to be looked at beside drawn scenes: :data:`PORTRAIT`; None where matplotlib
+    was installed without its sample data."""
+    import matplotlib
+
+    file = Path(matplotlib.get_data_path(), "sample_data", "grace_hopper.jpg")
+    return scene(file.stem, read_picture(file).values) if file.is_file() else None
+
+
 MOST_BEYOND = 0.5
 """Of a point's light, farther than the scene goes on round the sensor."""
 

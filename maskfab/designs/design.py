@@ -142,8 +142,10 @@ def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneCondition
             with faults:
                 _check_shapes(spec, section, rules, where)
             if camera is not None:
+                from maskfab.designs.search.question import room_of
+
                 with faults:
-                    lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+                    room_of(section, rules, camera, where=f"{where}: design.dots")
         if rules is not None and not faults:
             with faults:
                 seen = conditions_of(spec, section, rules.dot_nm, where)
@@ -287,8 +289,7 @@ def design(
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
-    require("design", what="a design", where=f"{where}: design")
-    display, seen = _possible(spec, where)
+    display, seen, source = require_able(spec, where, images, checkpoint, begin)
     curve: ShareCurve | None = None
     if section_of(spec, where).clear_dots == 0:
         spec, curve = share_of(
@@ -298,23 +299,8 @@ def design(
             what = "no display was found to fit an opening of any share of the pixel"
             cure = "State clear_dots to hear what does not fit; ask for smaller circuits, fewer lines or less emitters"
             raise JobError("MF123", what, where=f"{where}: design.fit", cure=cure)
-        display, seen = _possible(spec, where)
-    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
-        what = f"there is no directory for the checkpoint {checkpoint}"
-        raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
-    section, camera, settings = section_of(spec, where), spec.camera, capture_settings(spec)
-    if begin is not None and begin.shape != (section.dots, section.dots):
-        what = f"the start has {begin.shape[1]} x {begin.shape[0]} dots, and the design {section.dots} along a side"
-        raise JobError(
-            "MF105", what, where=f"{where}: start", cure=f"Give a start of {section.dots} x {section.dots} dots"
-        )
-    if begin is not None and isinstance(section, SearchSection):
-        others = {"density": section.density, "cluster": section.cluster}
-        if idle := [key for key, value in others.items() if value]:
-            what = f"a search with {idle[0]} begins at no single opening"
-            raise JobError("MF105", what, where=f"{where}: start", cure=f"Leave out {idle[0]}, or start")
-    source = scenes_of(images, section)
-    scenes = source.photographs
+        display, seen, source = require_able(spec, where, images, checkpoint, begin)
+    section, camera, settings, scenes = section_of(spec, where), spec.camera, capture_settings(spec), source.photographs
     if isinstance(section, RelaxSection):
         from maskfab.designs.descent.relax import relax
 
@@ -362,6 +348,30 @@ def design(
     if account is not None:
         account = replace(account, budget_s=clock.budget_s, scenes=scenes_line(source, images))
     return replace(designed, notes=notes, account=account)
+
+
+def require_able(
+    spec: JobSpec, where: str, images: Path | None, checkpoint: Path | None, begin: Mask | None
+) -> tuple[Display | None, SceneConditions | None, Folder]:
+    """Refuse all that :func:`design` refuses before its work; arguments as there. Returns the display that must fit,
+    the conditions of the scene, and the photographs to design for."""
+    require("design", what="a design", where=f"{where}: design")
+    display, seen = _possible(spec, where)
+    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
+        what = f"there is no directory for the checkpoint {checkpoint}"
+        raise OutputError("MF401", what, cure="Create that directory, or give a path in one that exists")
+    section = section_of(spec, where)
+    if begin is not None and begin.shape != (section.dots, section.dots):
+        what = f"the start has {begin.shape[1]} x {begin.shape[0]} dots, and the design {section.dots} along a side"
+        raise JobError(
+            "MF105", what, where=f"{where}: start", cure=f"Give a start of {section.dots} x {section.dots} dots"
+        )
+    if begin is not None and isinstance(section, SearchSection):
+        others = {"density": section.density, "cluster": section.cluster}
+        if idle := [key for key, value in others.items() if value]:
+            what = f"a search with {idle[0]} begins at no single opening"
+            raise JobError("MF105", what, where=f"{where}: start", cure=f"Leave out {idle[0]}, or start")
+    return display, seen, scenes_of(images, section)
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:

@@ -32,10 +32,11 @@ from maskfab.camera.scenes import Folder, Photograph, drawn
 from maskfab.camera.scores import Crop, MeanDifference, Score, truth_of
 from maskfab.findings.photographs import Conditions, Surroundings, uses_of
 from maskfab.job.camera import Camera
-from maskfab.job.faults import parse_section
+from maskfab.job.faults import JobFaults, parse_section
 from maskfab.job.reference import USES, unused
 from maskfab.job.sections import CaseSection, ClaimSection, SceneSection, StudySection
 from maskfab.mask.job import Job, with_masks
+from maskfab.mask.panels import laid_out
 from maskfab.optics.lags import lag_table
 from maskfab.optics.metrics import auc_radial_min, relative_difference
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
@@ -359,7 +360,14 @@ def planned(
     job, stand_in = with_masks(job, masks or {})
     study, where = job.spec.study, job.where
     if study is None:
-        raise JobError("MF146", "the job has no [study]", where=where, cure="Add [study], or use maskfab simulate")
+        faults = JobFaults.of_spec(job.spec)
+        faults.add(
+            JobError("MF146", "the job has no [study]", where=where, cure="Add [study], or use maskfab simulate")
+        )
+        with faults:
+            laid_out(job.spec, where=where)
+        faults.refuse()
+    assert study is not None
     if not (study.optics or study.protocols):
         what = "the study shows neither optics nor photographs"
         raise JobError("MF146", what, where=f"{where}: study", cure='Add optics = true, or protocols = ["camera"]')

@@ -26,7 +26,7 @@ from maskfab.job.camera import REFERENCE_TRANSMISSION, Camera, Stop, white_elect
 from maskfab.job.devices import of_device
 from maskfab.job.die import check_lens
 from maskfab.job.faults import parse_section
-from maskfab.job.grid import nearest_grid, widest_dot_nm
+from maskfab.job.grid import Grid, finer_grid, nearest_grid, widest_dot_nm
 from maskfab.job.sections import CircuitsSection, EmittersSection
 from maskfab.job.toml import value_text
 from maskfab.job.values import Area, Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
@@ -331,6 +331,7 @@ class Snapped:
     Attributes:
         brief: with the lengths as moved, and the clear share of whole dots.
         slit: width and height of a plain slit in dots, which has as many clear dots as the design.
+        finer: lengths as near as these that have a grid of finer dots, in words; empty where there are none.
     """
 
     brief: Brief
@@ -338,6 +339,7 @@ class Snapped:
     cell_nm: int
     slit: tuple[int, int]
     moves: tuple[Move, ...]
+    finer: str = ""
 
     @property
     def dot_um(self) -> float:
@@ -376,7 +378,21 @@ def snapped(brief: Brief) -> Snapped:
     if brief.open is not None and abs(share - brief.open) > 1e-9:
         moves.append(Move("open", 100 * brief.open, 100 * share, "%", f"a slit of {width} x {height} whole dots"))
     moved = brief.model_copy(update={**lengths, **whole, **({} if brief.open is None else {"open": share})})
-    return Snapped(moved, dots, cell_nm, (width, height), tuple(moves))
+    finer = finer_grid(round(brief.pitch * NM_PER_UM), asked_nm, found, widest_nm=widest_nm)
+    return Snapped(moved, dots, cell_nm, (width, height), tuple(moves), (finer and _finer(brief, found, finer)) or "")
+
+
+def _finer(brief: Brief, found: Grid, finer: Grid) -> str:
+    lengths = zip(("pitch", *RULES), (finer.pitch_nm, *finer.rules_nm), strict=True)
+    moved = [
+        f'{key} = "{length / NM_PER_UM:.10g} um" ({length / NM_PER_UM / asked - 1:+.1%})'
+        for key, length in lengths
+        if abs(length / NM_PER_UM - (asked := getattr(brief, key))) > UM_PER_NM / 2
+    ]
+    return (
+        f"A finer grid is near, {finer.dots} dots of {finer.dot_nm / NM_PER_UM:g} um and not {found.dots} of "
+        f"{found.dot_nm / NM_PER_UM:g} um: answer {', '.join(moved)}. What finer dots gain is not estimated here."
+    )
 
 
 def job_text(made: Snapped) -> str:
@@ -399,7 +415,7 @@ def job_text(made: Snapped) -> str:
         plate=brief.name.upper(),
         dpi=units.dpi(brief.pitch),
         cell_um=made.cell_nm / NM_PER_UM,
-        moved="".join(f"# moved: {move}\n" for move in made.moves),
+        moved="".join([*(f"# moved: {move}\n" for move in made.moves), *(f"# {made.finer}\n" for _ in made.finer[:1])]),
         window=min(256, math.floor(min(LINES_NM) * UM_PER_NM * camera.focal / made.dot_um)),
         luminance=brief.lux / math.pi,
         exposed="as answered" if brief.time is not None else "up to the camera's longest, white within the full well",

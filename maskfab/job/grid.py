@@ -24,6 +24,8 @@ _STEP_NM, _DOT_STEP_NM = 50, 10
 """Cells are whole steps, unless the lengths share another grid: plotters' address grids divide them. Dots whose number
 is given move by smaller ones."""
 _MOST_PITCH_MOVE, _MOST_RAISE = 0.01, 0.1
+_FINER, _NEAR_PITCH = 1.25, 0.02
+"""Times as many dots from which on a grid is told as a finer one, and the most that the pitch would move to it."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,20 @@ def nearest_grid(
     return min(_grids(again, widest_nm), key=lambda grid: _cost(grid, again))
 
 
+def finer_grid(pitch_nm: int, rules_nm: Sequence[int], found: Grid, *, widest_nm: float = math.inf) -> Grid | None:
+    """Of grids with a quarter more dots than was found at least, which lengths that are near are given when they are
+    asked for instead, the best of those that move the fewest lengths; None where there is none. Arguments as of
+    :func:`nearest_grid`."""
+    asked, least = Grid(0, 0, pitch_nm, 0, tuple(rules_nm)), _FINER * found.dots
+
+    def order(grid: Grid) -> tuple[int, float]:
+        return sum(by > 0 for by in _moved(grid, asked)), _cost(grid, asked)[2]
+
+    near = [grid for grid in _grids(asked, widest_nm) if grid.dots >= least and not _far(grid, asked, _NEAR_PITCH)]
+    given = (nearest_grid(grid.pitch_nm, grid.rules_nm, widest_nm=widest_nm) for grid in sorted(near, key=order))
+    return next((grid for grid in given if grid in near), None)
+
+
 def _grids(asked: Grid, widest_nm: float) -> Iterator[Grid]:
     finest = math.ceil(asked.pitch_nm / (MOST_CELLS + 0.5))
     shared = math.gcd(asked.pitch_nm, asked.gutter_nm, *asked.rules_nm)
@@ -118,15 +134,22 @@ def _on(cell: int, asked: Grid, dots: int, pitch_nm: int) -> Grid:
     return Grid(dots, cell, pitch_nm, gutter, tuple(rules))
 
 
+def _moved(grid: Grid, asked: Grid) -> list[int]:
+    """By how much the pitch moves, and then every least length."""
+    more = zip((grid.gutter_nm, *grid.rules_nm), (asked.gutter_nm, *asked.rules_nm), strict=True)
+    return [abs(grid.pitch_nm - asked.pitch_nm), *(got - was for got, was in more)]
+
+
+def _far(grid: Grid, asked: Grid, most_move: float = _MOST_PITCH_MOVE) -> bool:
+    by, *more = _moved(grid, asked)
+    most = (max(_MOST_RAISE * was, asked.pitch_nm / 100) for was in (asked.gutter_nm, *asked.rules_nm))
+    return by > most_move * asked.pitch_nm or any(one > limit for one, limit in zip(more, most, strict=True))
+
+
 def _cost(grid: Grid, asked: Grid) -> tuple[bool, bool, float]:
-    pitch, stated = asked.pitch_nm, (asked.gutter_nm, *asked.rules_nm)
-    by = [abs(grid.pitch_nm - pitch)]
-    by += [got - was for got, was in zip((grid.gutter_nm, *grid.rules_nm), stated, strict=True)]
-    far = by[0] > _MOST_PITCH_MOVE * pitch or any(
-        more > max(_MOST_RAISE * was, pitch / 100) for more, was in zip(by[1:], stated, strict=True)
-    )
-    cost = grid.pitch_nm / grid.cell_nm / MOST_CELLS + abs(math.log(grid.dots / _USUAL_DOTS)) + 50 * sum(by) / pitch
-    return sum(by) > 0, far, cost
+    by = sum(_moved(grid, asked))
+    size = grid.pitch_nm / grid.cell_nm / MOST_CELLS + abs(math.log(grid.dots / _USUAL_DOTS))
+    return by > 0, _far(grid, asked), size + 50 * by / asked.pitch_nm
 
 
 def check_grid(

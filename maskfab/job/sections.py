@@ -191,7 +191,8 @@ class SearchSection(DesignSection):
     families: Annotated[
         tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
     ] = ("bars",)
-    """Shapes that are tried."""
+    """Shapes that are tried. Their names tell height x width in dots, the thickness of arms, and (row, column) of the
+    lower left dot, or of a disc's centre, from 0 at the pixel's lower left: L 12x22 of 8 at (0, 12)."""
     protocol: Literal["f1", "camera"] | None = None
     """Photographs that openings are compared by: protocol F1's, code values taken for light at 24, 32 and 40 dB, or
     those of the job's own sensor and levels in linear light; default: its own where it has [sensor] or [exposure]."""

@@ -418,7 +418,8 @@ def laid_out(spec: JobSpec, *, where: str) -> tuple[JobSection, PlateSection]:
     """
     section, heading = spec.plate, spec.job
     if section is None or heading is None or not spec.die:
-        missing = "[job]" if heading is None else "[plate]" if section is None else "[[die]]"
+        parts = {"[job]": heading, "[plate]": section, "[[die]]": spec.die}
+        missing = ", ".join(name for name, part in parts.items() if not part)
         raise JobError("MF105", f"the job has no {missing} section", where=where, cure=f"Add {missing}")
     return heading, section
 

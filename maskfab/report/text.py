@@ -17,12 +17,12 @@ from maskfab.base.errors import UnknownNameError
 from maskfab.base.extras import require
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import columns
-from maskfab.base.units import UM_PER_MM, decimals_of
+from maskfab.base.units import NM_PER_UM, UM_PER_MM, decimals_of
+from maskfab.designs.rules.families import explained
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from maskfab.designs.maps.orientation_map import DesignedMap
     from maskfab.designs.model.appraisal import Robustness, Varied
     from maskfab.designs.rules.display_fit import DieFit
     from maskfab.designs.search.result import Designed, SceneDesign
@@ -302,14 +302,21 @@ def quantity_document(quantity: Quantity) -> dict[str, Any]:
     return row
 
 
+QUICK = "openings are compared by the mean over all random tilings, estimated without the cells that the stop cuts"
+"""In what an opening's PSNR differs from that of its panel, which has a map."""
 USEFUL_DB = 1.0
 """Headroom above which nothing is told of it: openings, rules and maps are decided by less."""
 
 
 def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
-    psnr = _levels(designed, designed.psnr)
+    cells, psnr = (
+        designed.designed,
+        _levels(designed, designed.psnr if designed.designed is None else designed.designed.psnr),
+    )
     lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
+    lines[0] += "" if cells is None else ", with its map"
+    lines += filter(None, [explained(designed.opening.dot_nm / NM_PER_UM, designed.shape)])
     if designed.shortfall is not None:
         lines.insert(0, designed.shortfall.told)
     lines.append(f"for {designed.camera}")
@@ -334,11 +341,13 @@ def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
         ]
     else:
         lines.append(f"{designed.evaluated} openings evaluated")
-    if designed.designed is not None:
-        gains = _levels(designed, designed.designed.gain_db, "+")
-        lines.append(
-            f"gain of the designed map over a random one: {gains}; transmission {_light(designed.designed):+.2%}"
-        )
+    if cells is not None:
+        gained = told_gains(by_level(designed.levels, cells.psnr), by_level(designed.levels, cells.start_psnr))
+        gains, start = _levels(designed, list(gained.values()), "+"), _levels(designed, cells.start_psnr)
+        light = cells.clear_dots / cells.start_clear_dots - 1
+        lines.append(f"gain of the designed map over a random one: {gains}, from {start}; transmission {light:+.2%}")
+        if designed.outer is None:
+            lines.append(f"{QUICK}: {_levels(designed, designed.psnr)}")
     if designed.map_head_room is not None and (most := _most(designed, designed.map_head_room)):
         lines.append(f"proven headroom of the map (frame interior, same transmission of every cell): {most}")
     if designed.robust is not None:
@@ -409,8 +418,9 @@ def _losses(designed: Designed, varied: Varied) -> str:
     )
 
 
-def _light(designed: DesignedMap) -> float:
-    return designed.clear_dots / designed.start_clear_dots - 1
+def told_gains(with_it: Mapping[str, float], without: Mapping[str, float]) -> dict[str, float]:
+    """Differences in dB of what is told to two decimals, so that all three add up as they are told."""
+    return {level: round(value, 2) - round(without[level], 2) + 0.0 for level, value in with_it.items()}
 
 
 def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, float]:

@@ -59,6 +59,7 @@ from maskfab.findings.photographs import (
 )
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
+from maskfab.job.faults import JobFaults
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.job.sections import JobSpec, ReportSection, RulesSection, SearchSection
 from maskfab.job.toml import dumps
@@ -92,27 +93,38 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
     """The job, whose display must fit, and its [design]; what no opening can keep is an answer, and not refused.
 
     Raises:
-        JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as
-            :func:`maskfab.designs.design.check_possible`.
+        JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as for
+            that die, and as :func:`maskfab.designs.design.check_possible`; all at once.
     """
-    section = section_of(spec, where)
-    if not isinstance(section, SearchSection):
-        what, cure = "advice is on openings that are searched by restored photographs", 'Set method = "search"'
-        raise JobError("MF105", what, where=f"{where}: design", cure=cure)
+    faults, section, spare = JobFaults.of_spec(spec), spec.design, spec.design and spec.design.output
+    others = [die for die in spec.die if die.opening != spare]
+    with faults:
+        if not isinstance(section_of(spec, where), SearchSection):
+            what, cure = "advice is on openings that are searched by restored photographs", 'Set method = "search"'
+            raise JobError("MF105", what, where=f"{where}: design", cure=cure)
     for name in ("emitters", "plate"):
         if getattr(spec, name) is None:
             cure = f"Add [{name}], as in layouts/display_that_fits.toml"
-            raise JobError("MF105", f"the job has no [{name}]", where=f"{where}: {name}", cure=cure)
-    if all(die.opening == section.output for die in spec.die):
+            faults.add(JobError("MF105", f"the job has no [{name}]", where=f"{where}: {name}", cure=cure))
+    if not others:
         cure = "Add [[die]] with the opening of a display as it is"
-        raise JobError("MF105", "the job has no die to compare the design with", where=f"{where}: die", cure=cure)
-    section = section.model_copy(update={"fit": True})
-    spec = spec.model_copy(update={"design": section, "pareto": None, "study": None})
-    try:
-        check_possible(spec, where=where)
-    except JobError as refusal:
-        if any(fault.code != "MF123" for fault in refusal.faults):
-            raise
+        faults.add(JobError("MF105", "the job has no die to compare the design with", where=f"{where}: die", cure=cure))
+    named = [die for die in others if spec.report is not None and die.name == spec.report.reference]
+    if section is not None and others:
+        with faults:
+            before = resolve(spec.model_copy(update={"die": tuple(named or others)[:1], "report": None}), Path(where))
+            shop_of(before.spec, before.where)
+    if isinstance(section, SearchSection):
+        # What lacks a display is told above, and not again as a display that must fit.
+        section = section.model_copy(update={"fit": spec.emitters is not None})
+        spec = spec.model_copy(update={"design": section, "pareto": None, "study": None})
+        try:
+            check_possible(spec, where=where)
+        except JobError as refusal:
+            if any(fault.code != "MF123" for fault in refusal.faults):
+                faults.add(refusal)
+    faults.refuse()
+    assert isinstance(section, SearchSection)
     return _living(spec, section, where), section
 
 

@@ -149,7 +149,8 @@ def test_explanations_are_those_of_the_command(capsys):
     ("error", "code", "call"),
     [
         (JobError, "MF105", lambda plate: mf.check(plate, optics=True, die="NONE")),
-        (JobError, "MF105", lambda plate: mf.check(mf.Plate.of(plate.panels), die="PLAIN")),
+        # It asks for no emitters, and the die is narrower than the stop of protocol F1.
+        (JobError, "MF153", lambda plate: mf.check(mf.Plate.of(plate.panels), die="PLAIN")),
         (JobError, "MF105", lambda plate: mf.order.pack(plate, dry_run=True, shop="gesim", formats=["psd"])),
         (OutputError, "MF420", lambda plate: mf.order.pack(plate, dry_run=True, shop="nobody")),
         (JobError, "MF105", lambda plate: mf.check(plate, formats=["gdsii"])),

@@ -9,7 +9,17 @@ import pytest
 
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import orient
-from maskfab.designs.rules.families import FAMILIES, bars, crosses, discs, l_shapes, orbits, scattered_blobs, sums
+from maskfab.designs.rules.families import (
+    FAMILIES,
+    bars,
+    crosses,
+    discs,
+    explained,
+    l_shapes,
+    orbits,
+    scattered_blobs,
+    sums,
+)
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
@@ -118,3 +128,24 @@ def test_the_smallest_and_the_fullest(dots, clear):
     units = {c.unit.tobytes() for c in discs(dots, clear)}
     assert units
     assert any(True for _ in bars(dots, clear))
+
+
+def test_the_numbers_of_a_name_are_explained_with_their_unit():
+    told = explained(2.75, "L 12x22 of 8 at (0, 12)")
+    assert told.startswith("L: two arms that meet at the lower left, height x width of their thickness")
+    assert "dots of 2.75 µm" in told
+    assert "annealed: " in explained(8, "disc at (3.5, 4), annealed")
+    assert explained(8, "start") == ""
+
+
+@pytest.mark.parametrize("family", FAMILIES.values())
+def test_every_shape_that_a_search_may_name_is_explained(family):
+    assert all(explained(8, shape.name) for shape in itertools.islice(family(6, 9), 50))
+
+
+def test_the_place_of_a_shape_is_that_of_its_lower_left_dot():
+    shape = next(shape for shape in l_shapes(12, 30) if shape.name.startswith("L 5x") and shape.name.endswith("(2, 1)"))
+    rows, columns = np.nonzero(shape.unit)
+    assert (rows.min(), columns.min()) == (2, 1)
+    assert shape.unit[2, 1]
+    assert rows.max() - rows.min() + 1 == 5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import replace
 
@@ -54,6 +55,38 @@ def test_a_phone_moves_by_less_than_a_percent_and_says_so():
     (pitch,) = [move for move in made.moves if move.name == "pitch"]
     assert str(pitch) == "pitch 63.5 um -> 63 um, -0.8%: whole cells of 3 um"
     assert _grid(made).pitch_nm == round(1000 * made.brief.pitch) == 63_000
+
+
+RULES_OF_4 = {"gap_to_opening": "4 um", "colour_gap": "8 um", "min_width": "8 um"}
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [{"pitch": "138.6 um", **RULES_OF_4, **CAMERA}, {"pitch": "139 um", **RULES_OF_4, **CAMERA}, PHONE, LAPTOP, CAR],
+)
+def test_lengths_that_are_told_to_have_a_finer_grid_are_given_it(answers):
+    made = snapped(Brief.of(answers))
+    dots, dot_um = re.search(r"near, (\d+) dots of ([\d.]+) um", made.finer).groups()
+    lengths = dict(re.findall(r'(\w+) = "([\d.]+ um)"', made.finer))
+    again = snapped(
+        Brief.of(
+            {
+                **{key: value for key, value in answers.items() if key != "dpi"},
+                "pitch": f"{made.brief.pitch} um",
+                **lengths,
+            }
+        )
+    )
+    assert again.dots == int(dots) >= 1.25 * made.dots
+    assert again.dot_um == pytest.approx(float(dot_um))
+    assert f"# {made.finer}\n" in job_text(made)
+    assert "not estimated" in made.finer
+
+
+def test_a_pitch_one_per_cent_off_is_told_the_finer_grid_beside_it():
+    made = snapped(Brief.of({"pitch": "138.6 um", **RULES_OF_4, **CAMERA}))
+    assert made.dots == 23
+    assert '35 dots of 4 um and not 23 of 6 um: answer pitch = "140 um" (+1.0%)' in made.finer
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from html import unescape
 
 import pytest
 from browser import faults
@@ -22,7 +23,8 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
-from maskfab.report.pages.advice import WORTH_DB, AdvicePart, advice_document, schema
+from maskfab.report.pages import advice as page_of_advice
+from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
 
@@ -167,6 +169,17 @@ def test_six_questions_are_answered_with_units_and_errors(answer, folder):
     assert any("[pareto]" in note for note in document["left_out"])
 
 
+def test_the_headline_says_what_the_opening_brings_and_what_turning_it_does(answer):
+    document = answer.to_dict()
+    build = next(told for told in document["answers"] if told["key"] == "build")
+    whole, turned, by_map, own = map(float, re.findall(r"[-+]\d+\.\d", build["sentence"].partition("Of the ")[2]))
+    assert round(turned + by_map + own, 1) == whole == round(answer.found.gain(answer.found.level_db).mean, 1)
+    rows = rows_of(document, "build")
+    mapped, random = (rows[f"gain by cells turned {way}"]["value"] for way in ("by their map", "at random"))
+    assert mapped - random == pytest.approx(answer.found.designed.designed.gain_db[answer.found.at])
+    assert "in dots of 8 µm" in build["method"]
+
+
 def test_what_else_there_is_was_computed(answer):
     rows = rows_of(answer.to_dict(), "others")
     curve = answer.found.curve
@@ -250,6 +263,41 @@ def test_the_page_is_one_sheet_and_needs_nothing_else(answer, folder, chromium):
     assert answer._repr_html_() == page
     paper = chromium.printed(folder / "advice.html")
     assert len(re.findall(rb"/Type\s*/Page[^s]", paper)) == 1
+
+
+def test_long_notes_stand_once_below_their_table_and_every_table_scrolls(answer, folder):
+    page = unescape((folder / "advice.html").read_text())
+    beside = re.findall(r'<td class="how">(.*?)</td>', page)
+    assert max(map(len, beside)) <= NOTE_CHARACTERS
+    for told in answer.to_dict()["answers"]:
+        section = page[page.index(f'<section id="{told["key"]}">') :].partition("</section>")[0]
+        long = {row["how"] for row in told["rows"] if len(row["how"]) > NOTE_CHARACTERS}
+        assert sorted(re.findall(r"<li>(.*?)</li>", section)) == sorted(long)
+        numbers = re.findall(r"<sup>(\d+)</sup>", section)
+        assert len(numbers) == sum(row["how"] in long for row in told["rows"])
+        assert set(numbers) == {str(number) for number in range(1, len(long) + 1)}
+        assert section.count("<table") == section.count('<div class="scroll"><table') == 1
+    # A telephone gets one column.
+    assert re.search(
+        r"@media screen and \(max-width: 760px\) \{ \.two \{ grid-template-columns: minmax\(0, 1fr\)", page
+    )
+
+
+def test_a_photograph_that_a_reader_can_judge_stands_beside_the_drawn_scenes(answer, folder):
+    page = unescape((folder / "advice.html").read_text())
+    assert re.search(
+        r"A photograph at 32 dB of light, in no mean: [-+]\d+\.\d dB\. Grace Hopper by the U\.S\. Navy, in the public",
+        page,
+    )
+    before, after = map(float, re.findall(r"restored, (\d+\.\d\d) dB", page)[2:4])
+    told = float(re.search(r"in no mean: ([-+]\d+\.\d) dB", page)[1])
+    assert told == pytest.approx(after - before, abs=0.06)
+    assert page.count('class="photograph"') + page.count("class='photograph'") == 6
+
+
+def test_no_photograph_is_no_fault(answer, monkeypatch):
+    monkeypatch.setattr(page_of_advice, "portrait", lambda: None)
+    assert "portrait_told" not in page_of_advice.pictures(answer.found)
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

@@ -205,6 +205,29 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[Candidate]]] = {
 """By the names that a job gives them."""
 
 
+_NUMBERS = {
+    "bar": "a bar, height x width, at its lower left dot",
+    "disc": "the dots nearest to a centre, at that centre",
+    "L": "two arms that meet at the lower left, height x width of their thickness, at its lower left dot",
+    "cross": "two bars that cross in their middles, height x width of their thickness, at its lower left",
+    "blobs": "bars at places drawn by chance",
+}
+"""What the numbers in the name of a candidate are, by its family."""
+
+
+def explained(dot_um: float, *names: str) -> str:
+    """What names of candidates say, in one sentence; empty for names of no family.
+
+    Args:
+        dot_um: side of a dot, the unit of their numbers.
+    """
+    words = {word for name in names for word in name.replace(",", " ").split()}
+    told = [f"{family}: {what}" for family, what in _NUMBERS.items() if family in words]
+    told += ["annealed: then changed dot by dot"] if "annealed" in words and told else []
+    counted = f"in dots of {dot_um:g} µm, (row, column) counted from 0 at the pixel's lower left"
+    return "; ".join([*told, counted]) if told else ""
+
+
 def _check(dots: int, clear_dots: int) -> None:
     if dots < 1:
         raise JobError("MF104", f"{dots} dots make no cell", where="design.dots", cure="Set dots to 1 or more")

@@ -206,7 +206,7 @@ def prepare(question: Question) -> Prepared:
     """Judges, rules and clocks of a question; errors as of :func:`maskfab.designs.search.search.search`."""
     progress, clock, display = question.progress, question.clock, question.display
     rules = constraints_of(question.section, display=display)
-    room = _room_of(question.section, rules, question.camera)
+    room = room_of(question.section, rules, question.camera)
     section, rules, start = started(question.section, rules, display, clock, progress, begun=question.begin is not None)
     progress("photographs", 0, 1)
     judges = Judges(section, question.scenes, room, question.settings, question.seen)
@@ -256,9 +256,9 @@ def started(
     return section.model_copy(update=counted), start.rules, start
 
 
-def _room_of(section: SearchSection, rules: Constraints, camera: PhotoCamera) -> CellGrid:
+def room_of(section: SearchSection, rules: Constraints, camera: PhotoCamera, *, where: str = "dots") -> CellGrid:
     """The cells before the stop, refused where no map of them can be designed as asked."""
-    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    room = lattice(section.dots, rules.dot_nm, camera=camera, where=where)
     if section.map is not None:
         require_size(room)
     if section.positions > 1:

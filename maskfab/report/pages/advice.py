@@ -22,13 +22,17 @@ from maskfab.base import __version__
 from maskfab.base.folders import Place
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
-from maskfab.camera.scores import CONFIDENCE, MeanDifference
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.scenes import PORTRAIT, portrait
+from maskfab.camera.scores import CONFIDENCE, Crop, MeanDifference, Shot, truth_of
 from maskfab.designs.rules.display_fit import misfit
+from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import Designed
 from maskfab.designs.search.share import ShareCurve, SharePoint
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
-from maskfab.findings.photographs import NOISE_DB, Photographs
+from maskfab.findings.optics import plate_as_seen
+from maskfab.findings.photographs import NOISE_DB, Photographs, Restored, Surroundings
 from maskfab.mask.job import Job
 from maskfab.mask.package.pack import Bid
 from maskfab.report.documents.display import display_document
@@ -314,14 +318,14 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
     designed, at = advised.designed, advised.at
     opening, alike = designed.opening, designed.account is not None and designed.account.tiling is Tiling.PERIODIC
     pitch_um, dot_um = opening.dots * opening.dot_nm / NM_PER_UM, opening.dot_nm / NM_PER_UM
-    ways = {} if alike else {"cells turned at random": designed.psnr[at]}
+    # Each gain is by one model: of turning, by the mean over random tilings; of the map, by the panel that is laid.
+    turned = None if alike or designed.outer is not None else designed.psnr[at] - advised.alike_psnr[at]
+    by_map = 0.0 if designed.designed is None else designed.designed.gain_db[at]
+    ways = {} if turned is None else {"cells turned at random": turned}
     if designed.designed is not None:
-        ways["cells turned by their map"] = designed.designed.psnr[at]
+        ways["cells turned by their map" if ways else "its map over cells turned at random"] = (turned or 0.0) + by_map
     laid = list(ways)[-1] if ways else "all cells laid alike"
-    rows = [
-        _row(f"gain by {way}", value - advised.alike_psnr[at], "dB", "built" if way == laid else "")
-        for way, value in ways.items()
-    ]
+    rows = [_row(f"gain by {way}", gain, "dB", "built" if way == laid else "") for way, gain in ways.items()]
     if designed.shortfall is not None:
         rows.append(_row("clear dots", opening.clear_dots, "", designed.shortfall.told))
     dense = "the same all over the stop" if designed.outer is None else "more in the middle of the stop"
@@ -329,10 +333,31 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
     rows.append(_row("light", dense, "", f"{designed.evaluated} openings judged, seed {seed}"))
     return (
         f"{opening.clear_dots} clear dots of {dot_um:g} µm in each pixel of {pitch_um:g} µm, {opening.open_ratio:.1%} "
-        f"of it: {designed.shape}; {laid}.",
+        f"of it: {designed.shape}; {laid}.{_shares(advised, turned, by_map)}",
         f"Gains are over the same opening with all cells laid alike, at {designed.levels[at]:.3g} dB of light "
-        f"(signal-to-noise of white): {_MODEL}.",
+        f"(signal-to-noise of white): {_MODEL}. {explained(dot_um, designed.shape)}.",
         rows,
+    )
+
+
+def _shares(advised: Advised, turned: float | None, by_map: float) -> str:
+    """Sentence on how much of the photographs' gain is the opening's own, and how much that of turning it.
+
+    Args:
+        turned: gain by turning cells at random, dB; None where they lie alike, or openings are two.
+        by_map: gain of the map over that, dB.
+    """
+    if advised.job.spec.die[0].tiling is not Tiling.PERIODIC:
+        return ""
+    gain = round(advised.gain(advised.level_db).mean, 1)
+    whole = f" Of the {gain:+.1f} dB of its photographs at {advised.light(advised.level_db)}"
+    if turned is None:
+        return "" if advised.designed.outer is not None else f"{whole}, all are the opening's own: no cell is turned."
+    parts = [round(turned, 1), round(by_map, 1)]
+    more = "" if advised.designed.designed is None else f", their map {parts[1]:+z.1f}"
+    own = gain - sum(parts)
+    return (
+        f"{whole}, turning its cells brings about {parts[0]:+z.1f}{more}, and the opening itself the rest, {own:+z.1f}."
     )
 
 
@@ -561,12 +586,47 @@ def pictures(advised: Advised) -> dict[str, str]:
         f"photograph_{key}": scene_figures.front(one, advised.level_db)["front"]
         for key, one in (("before", before), ("after", after))
     }
-    more = {"curve": share_figures.curve(advised.curve), **scene_figures.truth(after)}
-    return {"panel": display_figures.placement(die.panel), **more, **shot}
+    panel = display_figures.placement(die.panel)
+    more = {"panel": panel, "curve": share_figures.curve(advised.curve)}
+    return {**more, **scene_figures.truth(after), **shot, **_portraits(advised)}
+
+
+def _portraits(advised: Advised) -> dict[str, str]:
+    """``<img>`` elements of one photograph that a reader can judge, before, after and as it is, and a caption; none
+    where brackets ask for highlights, or there is no photograph."""
+    conditions, level, job, scene = advised.photographs.conditions, advised.level_db, advised.job, portrait()
+    if scene is None or conditions.protocol.brackets:
+        return {}
+    panels = {die.name: die.panel for die in plate_as_seen(job, job.plate()).dies}
+    shots: list[Shot] = []
+    for name in advised.photographs.dies:
+        seen, _ = conditions.design(name, panels[name], Surroundings.of(job))
+        evaluate(
+            [seen], [scene], [scene], [level], protocol=conditions.protocol, details=False, expected=True,
+            show=lambda score, picture: shots.append(Shot(score, picture)),
+        )  # fmt: skip
+    before, after = (scene_figures.front(Restored(shots=(shot,)), level)["front"] for shot in shots)
+    rows, columns = shots[0].picture.shape[1:]
+    itself = scene_figures.tile(truth_of(scene, Crop(rows, columns)), "the photograph as it is")
+    gain = shots[1].score.psnr - shots[0].score.psnr
+    told = f"A photograph at {advised.light(level)}, in no mean: {gain:+.1f} dB. {PORTRAIT}."
+    return {"portrait_before": before, "portrait_after": after, "portrait_truth": itself, "portrait_told": told}
 
 
 def _beside(value: float | None) -> str:
     return "–" if value is None else "0" if abs(value) < NOTHING else short(value, 2 if abs(value) < 10 else 3)
+
+
+NOTE_CHARACTERS = 36
+"""Longest note that stands in its row of a table; longer ones stand once below it, by their number."""
+
+
+def _noted(answer: Record) -> dict[str, Any]:
+    """An answer whose long notes are told once, below its rows, each of which has the number of its own."""
+    notes = list(dict.fromkeys(row["how"] for row in answer["rows"] if len(row["how"]) > NOTE_CHARACTERS))
+    numbers = {note: number for number, note in enumerate(notes, start=1)}
+    rows = [{**row, "note": numbers.get(row["how"])} for row in answer["rows"]]
+    return {**answer, "rows": rows, "notes": notes}
 
 
 def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
@@ -574,7 +634,7 @@ def advice_page(document: Record, drawn: Mapping[str, str]) -> str:
     return page_template("advice.html.j2", cell=shown, beside=_beside, bound=bound).render(
         style=style(),
         told=document,
-        answers={answer["key"]: answer for answer in document["answers"]},
+        answers={answer["key"]: _noted(answer) for answer in document["answers"]},
         pictures={key: Markup(image) for key, image in drawn.items()},
     )
 

@@ -23,13 +23,14 @@ from maskfab.base import __version__
 from maskfab.base.folders import Place
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.designs.model.appraisal import Robustness, Varied, laid_picture
+from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import ANNEALING, WITHIN_DB, Account, Alternative, Alternatives, Prices
 from maskfab.mask.panels import shifted
 from maskfab.optics.tiling import orientations
 from maskfab.report.documents.shape import Record, document_text
 from maskfab.report.figures.sheet import INK, Drawing, data_uri, img, open_field, place, png, styled
 from maskfab.report.pages.template import page_template, style, write_folder
-from maskfab.report.text import USEFUL_DB, by_level
+from maskfab.report.text import QUICK, USEFUL_DB, by_level, told_gains
 
 if TYPE_CHECKING:
     from maskfab.designs.model.limits import Gap
@@ -127,6 +128,7 @@ def designed_document(
             "path": str(paths["map"]),
             "gain_db": by_level(design.levels, designed.gain_db),
             "expected_psnr_db": by_level(design.levels, designed.psnr),
+            "random_psnr_db": by_level(design.levels, designed.start_psnr),
             "head_room_db": None if design.map_head_room is None else by_level(design.levels, design.map_head_room),
             "clear_dots": designed.clear_dots,
             "random_clear_dots": designed.start_clear_dots,
@@ -417,6 +419,7 @@ def design_page(document: Record) -> str:
         levels=levels,
         headline=sum(laid.values()) / len(laid),
         turned=_turned(panel),
+        named=explained(document["dot_um"], document["shape"]),
         display=_display(document["fit"], document["shortfall"]),
         room=_room(document, levels),
         rules_line=_rules_line(document, search),
@@ -424,6 +427,7 @@ def design_page(document: Record) -> str:
         tiles=dots_image(panel["rows"], "the middle of its panel") if panel else None,
         tiles_told=f"The middle of its {'map' if document['map'] else 'panel: ' + panel['tiling']}." if panel else "",
         restored=_restored(document),
+        quick=QUICK if document["map"] and not document["outer"] else None,
         command=document["provenance"].get("command"),
         steps=None if drawing is None else Markup(drawing.img()),
         steps_told=_steps_told(search),
@@ -498,24 +502,19 @@ def _rules_line(document: Record, search: Record | None) -> str:
 
 
 def _restored(document: Record) -> list[tuple[str, Mapping[str, str]]]:
-    rows: list[tuple[str, Mapping[str, float]]] = []
-    if not (document["map"] and document["outer"]):
-        rows.append((f"Cells {_turned(document['panel'])}", document["expected_psnr_db"]))
-    if document["map"]:
-        rows += [("With its map", document["map"]["expected_psnr_db"])]
+    cells, gained = document["map"], dict[str, float]()
+    if cells:
+        rows = [("Cells turned at random, once", cells["random_psnr_db"]), ("With its map", cells["expected_psnr_db"])]
+        gained = told_gains(cells["expected_psnr_db"], cells["random_psnr_db"])
+    else:
+        rows = [(f"Cells {_turned(document['panel'])}", document["expected_psnr_db"])]
     if document["scene"]:
         rows.append(("Over the scene, mean", document["scene"]["mean_psnr_db"]))
     plain: list[tuple[str, Mapping[str, str]]] = [
         (name, {level: f"{value:.2f}" for level, value in values.items()}) for name, values in rows
     ]
-    if document["map"]:
-        gains = document["map"]["gain_db"]
-        plain.append(
-            (
-                "Gain of the map over the random one that it began from",
-                {level: f"{gain:+.2f}" for level, gain in gains.items()},
-            )
-        )
+    if gained:
+        plain.insert(2, ("Gain of the map over that", {level: f"{gain:+.2f}" for level, gain in gained.items()}))
     robust = document["robust"]
     if robust and robust["tiling_db"]:
         spread = {level: f"±{value:.2f}" for level, value in robust["tiling_db"].items()}

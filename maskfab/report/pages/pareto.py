@@ -24,8 +24,10 @@ from matplotlib.figure import Figure
 
 from maskfab.base import __version__
 from maskfab.base.folders import Place
+from maskfab.base.units import NM_PER_UM
 from maskfab.designs.front import FrontPoint, JudgedOpening, Pareto, sought
 from maskfab.designs.front_designs import FrontDesign
+from maskfab.designs.rules.families import explained
 from maskfab.mask.opening_file import opening_text
 from maskfab.mask.panels import map_text
 from maskfab.report.documents.shape import Record, document_text
@@ -212,6 +214,7 @@ def pareto_page(pareto: Pareto, designs: Sequence[FrontDesign], document: Record
     best = set(map(id, pareto.best))
     return page_template("pareto.html.j2").render(
         style=style(),
+        named=_named(designs),
         version=document["maskfab_version"],
         digest=document["job_hash"],
         figure=Markup(pareto_drawing(pareto).img()),
@@ -386,6 +389,11 @@ def _numbers(judged: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
     }
 
 
+def _named(designs: Sequence[FrontDesign]) -> str:
+    dot_um = designs[0].opening.dot_nm / NM_PER_UM if designs else 0.0
+    return explained(dot_um, *(design.point.shape for design in designs))
+
+
 def front_lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
     """The curves with their designs, and what they are compared with, as lines of text."""
     best = set(map(id, front.best))
@@ -408,6 +416,7 @@ def front_lines(front: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
             for one in curve.points
         ]
         lines += [f"    does not fit on a die: {misfit}" for misfit in curve.misfits]
+    lines += filter(None, [_named(designs)])
     for given in front.compared:
         gain = front.gain_db(given)
         more = (
