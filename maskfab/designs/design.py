@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +42,7 @@ from maskfab.mask.opening_file import dot_of_pitch
 from maskfab.optics.scene.scene import Scene
 
 if TYPE_CHECKING:
-    from maskfab.designs.search.question import Judges
+    from maskfab.designs.search.annealing import ExpectedPsnr
     from maskfab.designs.search.share import ShareCurve
 
 _SCENES_OF_MAPS = 16
@@ -160,13 +160,9 @@ def _assumed(spec: JobSpec) -> JobSpec:
         return spec
     from maskfab.designs.search.share import SHARINGS, counts_of
 
-    least = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": counts_of(section.dots)[0]})})
-    return _sharing(least, SHARINGS[-1]) if _free(spec) else least
-
-
-def _free(spec: JobSpec) -> bool:
-    """Whether pixels to a circuit are chosen, too."""
-    return spec.display is not None and spec.display.sharing is None
+    least = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": min(counts_of(section.dots))})})
+    free = spec.display is not None and spec.display.sharing is None
+    return _sharing(least, SHARINGS[-1]) if free else least
 
 
 def share_of(
@@ -175,6 +171,7 @@ def share_of(
     where: str,
     images: Path | None = None,
     over: Opening | None = None,
+    coarser: bool = False,
     clock: Clock = NO_END,
     executor: SerialExecutor = ALONE,
     progress: Progress = silent,
@@ -184,50 +181,63 @@ def share_of(
 
     Args:
         over: opening, its cells all laid alike, that gains of the curve are over; by default its smallest share.
+        coarser: whether three of four pixels may be left out where [display] leaves sharing out; the job then has
+            pixels twice as wide, which as many more lines pass.
 
     Raises:
         JobError: as :func:`check_possible`.
     """
-    section = section_of(_assumed(spec), where)
-    assert isinstance(section, SearchSection)
     from maskfab.designs.search.question import Judges
-    from maskfab.designs.search.share import SHARINGS, share_curve
+    from maskfab.designs.search.share import SHARINGS, Zone, share_curve
 
+    section, settings = section_of(_assumed(spec), where), capture_settings(spec)
+    assert isinstance(section, SearchSection)
+    camera, scenes = PhotoCamera.of(spec.camera, where=where), scenes_of(images, section)
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
-    camera, settings, scenes = (
-        PhotoCamera.of(spec.camera, where=where),
-        capture_settings(spec),
-        scenes_of(images, section),
-    )
 
-    def judges(dots: int, of_nm: int) -> Judges:
-        return Judges(section, scenes.photographs, lattice(dots, of_nm, camera=camera), settings)
+    def expected(dots: int, of_nm: int) -> ExpectedPsnr:
+        return Judges(section, scenes.photographs, lattice(dots, of_nm, camera=camera), settings).expected
 
-    held = [_sharing(spec, sharing) for sharing in SHARINGS] if _free(spec) else [spec]
-    displays = [stated_display(one, section, where, key="design.fit") for one in held]
-    usual = None
-    if over is not None:
-        usual = replace(judges(over.dots, over.dot_nm).expected, periodic=True)(over.mask)
-    curve = share_curve(
-        displays,
-        section,
-        judges(section.dots, dot_nm).expected,
-        stated=0 if spec.design is None else spec.design.clear_dots,
-        over=usual,
-        clock=clock,
-        executor=executor,
-        progress=progress,
-    )
+    def zone(held: Sequence[JobSpec], across: int) -> Zone:
+        own = held[0].design
+        assert isinstance(own, SearchSection)
+        displays = tuple(stated_display(one, own, where, key="design.fit") for one in held)
+        return Zone(displays, own, expected(own.dots, dot_nm * across), across)
+
+    counted = spec.model_copy(update={"design": section})
+    free = spec.display is not None and spec.display.sharing is None
+    zones = [zone([_sharing(counted, sharing) for sharing in SHARINGS] if free else [counted], 1)]
+    if free and coarser:
+        with suppress(JobError):  # dots may be too coarse for the camera, and lines too many
+            zones.append(zone([_left_out(counted)], 2))
+    usual = None if over is None else replace(expected(over.dots, over.dot_nm), periodic=True)(over.mask)
+    stated = 0 if spec.design is None else spec.design.clear_dots
+    curve = share_curve(zones, stated=stated, over=usual, clock=clock, executor=executor, progress=progress)
     best = curve.best
-    dots = section.clear_dots if best is None else best.clear_dots
-    counted = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": dots})})
-    sharing = SHARINGS[-1] if best is None else best.sharing
-    return (_sharing(counted, sharing) if _free(spec) else counted), curve
+    if best is not None:
+        counted = counted.model_copy(update={"design": section.model_copy(update={"clear_dots": best.clear_dots})})
+    if not free:
+        return counted, curve
+    if best is not None and best.across > 1:
+        return _left_out(counted), curve
+    return _sharing(counted, SHARINGS[-1] if best is None else best.sharing), curve
 
 
 def _sharing(spec: JobSpec, sharing: int) -> JobSpec:
     stated = spec.display or DisplaySection()
     return spec.model_copy(update={"display": stated.model_copy(update={"sharing": sharing})})
+
+
+def _left_out(spec: JobSpec) -> JobSpec:
+    """The job with three of four pixels left out: those of the zone twice as wide, passed by the lines of two."""
+    display, section, wires = spec.display or DisplaySection(), spec.design, spec.wires
+    assert section is not None
+    parts = {
+        "design": section.model_copy(update={"pitch": 2 * section.pitch}),
+        "wires": wires and wires.model_copy(update={"lines": 2 * wires.lines}),
+        "display": display.model_copy(update={"sharing": 1, "normal": display.normal or section.pitch}),
+    }
+    return spec.model_copy(update=parts)
 
 
 def _check_shapes(spec: JobSpec, section: SearchSection, rules: Constraints, where: str) -> None:

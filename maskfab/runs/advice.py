@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Opening, Panel, Tiling
@@ -43,7 +45,7 @@ from maskfab.designs.search.held import start_of
 from maskfab.designs.search.question import Judges
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.designs.search.scan import scanned
-from maskfab.designs.search.share import ShareCurve
+from maskfab.designs.search.share import ShareCurve, SharePoint
 from maskfab.display.drive import lives
 from maskfab.display.eye_and_life import DEFAULT_LIFE
 from maskfab.display.feasibility import PlateWithDisplays, displays
@@ -182,26 +184,23 @@ def advise(
             where=str(path),
             images=images,
             over=slits,
+            coarser=not stated_dots,
             clock=clock.part(_CHOICE),
             executor=executor,
             progress=progress,
         )
         spec, section, why = _as_stated(chosen, curve, stated_dots)
         notes += why
-        before = replace(before, spec=before.spec.model_copy(update={"display": spec.display}))
+        parts = {"display": spec.display, "wires": spec.wires}
+        before = replace(before, spec=before.spec.model_copy(update=parts))
         work = replace(work, spec=spec, section=section, before=before)
         left = clock.left()
         eased = executor.submit(Call(reaches, lambda: (spec, str(path), images, left and _MEANWHILE * left)))
         designed, misfit = work.designed()
-        job, built = work.built(designed)
-        unkept, cost = None, None
-        limits, broken = _limits(built)
-        if misfit is None and broken:
-            first = designed
-            designed, unkept = work.under(limits, " and ".join(broken), first)
-            if designed is not first:
-                cost = laid_db(first) - laid_db(designed)
-                job, built = work.built(designed)
+        laid = work.laid(designed)
+        if misfit is None:
+            laid = work.within_limits(laid, curve.best)
+        designed, job, built = laid.designed, laid.job, laid.built
         plate, name = job.plate(), job.spec.die[-1].name
         houses = executor.submit(
             Call(compare_shops, lambda: (job.spec, plate, [load_shop(shop) for shop in shop_names()]))
@@ -232,11 +231,22 @@ def advise(
         bids,
         found,
         curve,
-        unkept,
-        cost,
+        laid.unkept,
+        laid.cost_db,
         notes,
         clock.budget_s,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """A design in its job, with its display; what became of limits that a freer one breaks, and what that cost, dB."""
+
+    designed: Designed
+    job: Job
+    built: PlateWithDisplays
+    unkept: str | None = None
+    cost_db: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +272,29 @@ class _Work:
                 raise
             return self._design(fit=False), refusal.faults[0].what
 
+    def of_point(self, point: SharePoint | None) -> Designed | None:
+        """A point of the curve laid as it is, without a map, which keeps limits on a small die; None where the design
+        has another share."""
+        if point is None or point.unit is None or point.clear_dots != self.section.clear_dots:
+            return None
+        tiling = Tiling.PERIODIC if point.alike else self.section.tiling
+        with suppress(JobError):
+            return self._design(begin=point.unit, map=None, map_output=None, tiling=tiling)
+        return None
+
+    def within_limits(self, first: _Laid, point: SharePoint | None) -> _Laid:
+        """The design if it keeps its limits of the eye, else one that is searched for, or a point of the curve."""
+        limits, broken = _limits(first.built)
+        if not broken:
+            return first
+        found, unkept = self.under(limits, " and ".join(broken), first.designed)
+        best = first if found is first.designed else self.laid(found)
+        if _limits(best.built)[1] and (held := self.of_point(point)) is not None:
+            other = self.laid(held)
+            best = best if _limits(other.built)[1] else other
+        cost = None if best is first else laid_db(first.designed) - laid_db(best.designed)
+        return replace(best, unkept=unkept, cost_db=cost)
+
     def under(self, limits: dict[str, float], named: str, first: Designed) -> tuple[Designed, str]:
         """A design that keeps limits of the eye, or the first one, and what became of the search for one that does."""
         if not self.clock.affords(_UNDER_S):
@@ -273,19 +306,27 @@ class _Work:
             return first, f"none was found that keeps {named}: {refusal.what}"
         return found, f"the best without limits breaks {named}"
 
-    def _design(self, **asked: Any) -> Designed:
+    def _design(self, begin: Mask | None = None, **asked: Any) -> Designed:
         spec = self.spec.model_copy(update={"design": self.section.model_copy(update=asked)})
         left = self.clock.left()
         early = self.clock if left is None else self.clock.before(min(_AFTER * left, _MOST_AFTER_S))
         where, images = str(self.path), self.images
         return design(
-            spec, self.command, where=where, images=images, progress=self.progress, clock=early, executor=self.executor
+            spec,
+            self.command,
+            where=where,
+            images=images,
+            progress=self.progress,
+            clock=early,
+            begin=begin,
+            executor=self.executor,
         )
 
-    def built(self, designed: Designed) -> tuple[Job, PlateWithDisplays]:
+    def laid(self, designed: Designed) -> _Laid:
         """The job of the two dies, which holds their openings and maps, and the display of the design."""
         old, opening, cells, section = self.before.spec, designed.opening, designed.cells, self.section
         own = [die for die in self.spec.die if die.opening == section.output]
+        tiling = section.tiling if designed.account is None else designed.account.tiling
         name = own[0].name if own else opening.name.upper()
         seed = section.seed if section.tiling_seed is None else section.tiling_seed
         die = DieSection.model_validate(
@@ -295,7 +336,7 @@ class _Work:
                 "opening": opening.name,
                 "others": None if designed.outer is None else (designed.outer.name,),
                 "dot": f"{opening.dot_nm / NM_PER_UM:.15g} um",
-                "tiling": section.tiling if cells is None else Tiling.MAP,
+                "tiling": tiling if cells is None else Tiling.MAP,
                 "map": None if cells is None else cells.name,
                 "seed": seed if designed.fit is None or designed.fit.seed is None else designed.fit.seed,
             }
@@ -303,7 +344,8 @@ class _Work:
         asked = {
             "clear_dots": opening.clear_dots if designed.shortfall else section.clear_dots,
             "output": f"{opening.name}.toml",
-            "map_output": None if cells is None else f"{cells.name}.toml",
+            **({"map": None, "map_output": None} if cells is None else {"map_output": f"{cells.name}.toml"}),
+            "tiling": tiling,
             "fit": designed.fit is not None,
         }
         texts = {one.name: opening_text(one) for one in (opening, designed.outer) if one is not None}
@@ -318,7 +360,7 @@ class _Work:
         job = resolve(old.model_copy(update=parts), self.path)
         plate = job.plate()
         alone = replace(plate, dies=tuple(each for each in plate.dies if each.name == die.name))
-        return job, displays(job, alone, self.progress, executor=self.executor)
+        return _Laid(designed, job, displays(job, alone, self.progress, executor=self.executor))
 
     def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
         panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
@@ -359,7 +401,7 @@ def _as_stated(chosen: JobSpec, curve: ShareCurve, stated_dots: int) -> tuple[Jo
     assert isinstance(section, SearchSection)
     if best is None:
         return chosen, section, ()
-    own = [point for point in curve.points if point.clear_dots == stated_dots and point.holds]
+    own = [point for point in curve.points if point.clear_dots == stated_dots and point.shape and point.across == 1]
     told = curve.told
     if not stated_dots:
         return chosen, section, (told,)

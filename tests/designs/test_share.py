@@ -20,7 +20,7 @@ from maskfab.job.read import read
 
 def point(dots: int, sharing: int, value: float, *broken: str) -> SharePoint:
     numbers = tuple(Limited(name, 2.0, None, 1.0, False, "") for name in broken)
-    return SharePoint(dots, 10, sharing, "bar", value, numbers=numbers)
+    return SharePoint(dots, 10, sharing, 1, "bar", value, numbers=numbers)
 
 
 VALUES = st.lists(st.floats(10, 30), min_size=1, max_size=8)

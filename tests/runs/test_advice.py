@@ -180,6 +180,10 @@ def test_the_headline_says_what_the_opening_brings_and_what_turning_it_does(answ
     assert "in dots of 8 µm" in build["method"]
 
 
+def fitting(answer):
+    return [point for point in answer.found.curve.points if point.shape]
+
+
 def test_what_else_there_is_was_computed(answer):
     rows = rows_of(answer.to_dict(), "others")
     curve = answer.found.curve
@@ -219,23 +223,23 @@ def test_a_share_that_is_not_stated_is_chosen_and_so_are_pixels_to_a_circuit(tmp
 
 @pytest.mark.usefixtures("alone")
 def test_a_stated_share_that_gains_nothing_gives_way_to_one_that_does(tmp_path):
-    found = mf.advise(write(tmp_path, ("clear_dots = 25\nfam", "clear_dots = 12\nfam"), *WITHOUT_MAP), budget=NO_END)
+    found = mf.advise(write(tmp_path, ("clear_dots = 25\nfam", "clear_dots = 6\nfam"), *WITHOUT_MAP), budget=NO_END)
     curve = found.found.curve
-    (stated,) = {point.clear_dots: point for point in curve.points if point.clear_dots == 12}.values()
+    (stated,) = {point.clear_dots: point for point in curve.points if point.clear_dots == 6}.values()
     assert curve.gain_db(stated) < WORTH_DB < curve.gain_db(curve.best)
     assert found.found.designed.opening.clear_dots == curve.best.clear_dots
-    assert any("10% that the job states" in note for note in found.found.notes)
+    assert any("5% that the job states" in note for note in found.found.notes)
 
 
 @pytest.mark.slow
 def test_finer_dots_leave_room_for_more(answer_with_finer_dots):
     rows = rows_of(answer_with_finer_dots.to_dict(), "others")
-    largest = answer_with_finer_dots.found.curve.largest(1)
+    largest = fitting(answer_with_finer_dots)[-1]
     assert int(rows["gain by dots of 4 µm"]["how"].split()[0]) > 4 * largest.clear_dots
 
 
 def test_the_largest_opening_is_one_that_a_design_finds(answer, tmp_path):
-    most = answer.found.curve.largest(1).clear_dots
+    most = fitting(answer)[-1].clear_dots
     job = write(tmp_path, ("clear_dots = 25\nfam", f"clear_dots = {most}\nfam"))
     found = mf.design(job)
     assert found.passed
@@ -366,7 +370,7 @@ def test_a_limit_that_nothing_keeps_is_named_with_the_best_design_without_it(tmp
         monkeypatch.setattr(advice, "design", refusing)
     path = write(tmp_path, ("[pareto]", "[looks]\ndelta_e = 0.001\n\n[pareto]"))
     # Seconds of this process alone, and a clock that refuses nothing, however busy the machine.
-    clock = Clock(4.0, now=time.process_time)
+    clock = Clock(12.0, now=time.process_time)
     document = advice_document(
         advice.advise(read(path), "maskfab advise", path=path, clock=clock), "maskfab advise", []
     )
@@ -413,7 +417,7 @@ def test_ctrl_c_keeps_the_best_so_far_and_photographs_it(tmp_path):
     assert "photographs" in stages
     assert found.gain(found.level_db).count == 4
     assert any("Ctrl-C" in note for note in document["left_out"])
-    assert "ended before" in rows_of(document, "others")["gain by a larger opening, or with a rule eased"]["how"]
+    assert "ended before" in rows_of(document, "others")["gain with a rule eased"]["how"]
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from itertools import chain, islice
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.base.model import Panel
 from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.work import Clock, Progress, silent
@@ -37,14 +38,18 @@ WITHIN_DB, COARSER_DB = 0.5, 1.0
 """Restored photographs that are given away for a smaller share; and that must be gained for half the circuits."""
 ERROR_DB = 0.15
 """By which gains of a curve may differ from those of the design that is searched at its share."""
+_CUT = " Time ran out before all shares were tried: with a longer budget another may be chosen."
 SHARINGS = (1, 2, 4)
-_STEP, _LEAST, _MOST = 0.05, 0.10, 0.65
+LEVELS = (*((sharing, 1) for sharing in SHARINGS), (1, 2))
+"""Pixels to a circuit, and pixels of the display around along one of the zone: finer levels first."""
+_SHARES = (0.2, 0.4, 0.3, 0.5, 0.1, 0.6, 0.45, 0.35, 0.55, 0.25, 0.65, 0.15)
+"""Of the pixel, coarse steps first, so that a clock leaves out fine ones."""
 _MOST_SHAPES, _JUDGED = 900, 100
 """Shapes of a share that bounds are asked of, of thousands; and that are judged."""
 _WALKED, _LOOKED = 24, 4
 """Of those, the best ones, whose rules are asked; and of which the display is placed as the check places it."""
-_AT_ONCE = 2
-"""Shares that are looked at side by side."""
+_AT_ONCE, _LEAST = 2, 4
+"""Shares that are looked at side by side; and that no clock leaves out."""
 _OF_A_KIND = 3
 """Places of a shape that are asked."""
 _ACROSS = 24
@@ -57,26 +62,37 @@ class SharePoint:
 
     Attributes:
         sharing: pixels that share a circuit.
+        across: pixels of the display around along one of these; 1 where none is left out.
         shape: empty where none was found.
         value: expected restored PSNR before a map, dB, weighted mean over the levels; not a number where there is none.
         alike: whether lines were found only where all cells lie alike.
         footprint: share of the pixel that the least of the colours can cover, drawn straight.
         numbers: of the eye and of life, beside their limits.
+        unit: bool [dots, dots]; None where none was found.
     """
 
     clear_dots: int
     dots: int
     sharing: int
+    across: int = 1
     shape: str = ""
     value: float = math.nan
     alike: bool = False
     footprint: float = 0.0
     numbers: tuple[Limited, ...] = ()
+    unit: Mask | None = None
 
     @property
     def share(self) -> float:
         """Of the pixel that is clear."""
         return self.clear_dots / self.dots**2
+
+    @property
+    def zone(self) -> str:
+        """Words on what is shared and left out."""
+        if self.across > 1:
+            return f"{self.across**2 - 1} of {self.across**2} pixels left out"
+        return "a circuit for every pixel" if self.sharing == 1 else f"{self.sharing} pixels to a circuit"
 
     @property
     def holds(self) -> bool:
@@ -103,8 +119,8 @@ class ShareCurve:
     def best(self) -> SharePoint | None:
         """The point that the rule chooses; None where no display fits any share."""
         best: SharePoint | None = None
-        for sharing in SHARINGS:
-            point = self._knee(WITHIN_DB, sharing)
+        for level in sorted({(point.sharing, point.across) for point in self.points}, key=_finest):
+            point = self._knee(WITHIN_DB, level)
             if point is not None and (best is None or point.value >= best.value + COARSER_DB):
                 best = point
         return best
@@ -113,7 +129,7 @@ class ShareCurve:
     def interval(self) -> tuple[float, float]:
         """Shares from which and up to which the rule might choose, for the error of gains."""
         assert self.best is not None
-        ends = [self._knee(WITHIN_DB + error, self.best.sharing) for error in (ERROR_DB, -ERROR_DB)]
+        ends = [self._knee(WITHIN_DB + error, (self.best.sharing, self.best.across)) for error in (ERROR_DB, -ERROR_DB)]
         low, high = (self.best.share if point is None else point.share for point in ends)
         return low, high
 
@@ -122,13 +138,13 @@ class ShareCurve:
         """The choice and its rule, in a sentence."""
         best, (low, high) = self.best, self.interval
         assert best is not None
-        shared = "a circuit for every pixel" if best.sharing == 1 else f"{best.sharing} pixels to a circuit"
         fitting = [point for point in self.points if point.shape]
         range_ = "" if low == high else f" ({low:.0%} to {high:.0%} for gains {ERROR_DB:g} dB off)"
         return (
-            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {shared} were "
+            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {best.zone} were "
             f"chosen: the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits, and fewer "
-            f"circuits only where they gain {COARSER_DB:g} dB."
+            f"circuits, or pixels, only where they gain {COARSER_DB:g} dB."
+            f"{'' if self.complete else _CUT}"
         )
 
     def gain_db(self, point: SharePoint) -> float:
@@ -136,29 +152,42 @@ class ShareCurve:
         first = min((one for one in self.points if one.shape), key=lambda one: one.clear_dots)
         return point.value - (first.value if self.over is None else self.over)
 
-    def largest(self, sharing: int) -> SharePoint | None:
-        """The point of the largest share that was found to fit."""
-        return max(self._fitting(sharing), key=lambda point: point.clear_dots, default=None)
-
-    def _fitting(self, sharing: int) -> list[SharePoint]:
-        return [point for point in self.points if point.sharing == sharing and point.holds]
-
-    def _knee(self, within_db: float, sharing: int) -> SharePoint | None:
-        fitting = self._fitting(sharing)
+    def _knee(self, within_db: float, level: tuple[int, int]) -> SharePoint | None:
+        fitting = [point for point in self.points if (point.sharing, point.across) == level and point.holds]
         most = max((point.value for point in fitting), default=0.0)
         near = [point for point in fitting if point.value >= most - within_db]
         return min(near, key=lambda point: point.clear_dots, default=None)
 
 
+def _finest(level: tuple[int, int]) -> tuple[int, int]:
+    """In whose order levels are tried: by circuits for an area, and with all pixels first."""
+    sharing, across = level
+    return sharing * across**2, across
+
+
+@dataclass(frozen=True, eq=False)
+class Zone:
+    """Displays of one pitch over the camera.
+
+    Attributes:
+        displays: alike but for the pixels that share a circuit, the fewest first.
+        expected: judge of openings of this pitch.
+        across: pixels of the display around along one of these.
+    """
+
+    displays: tuple[Display, ...]
+    section: SearchSection
+    expected: ExpectedPsnr
+    across: int = 1
+
+
 def counts_of(dots: int) -> list[int]:
-    """Clear dots of the shares that are looked at, in pixels of so many dots along a side."""
-    return sorted({max(1, round(share * dots**2)) for share in np.arange(_LEAST, _MOST + _STEP / 2, _STEP)})
+    """Clear dots of the shares that are looked at, in their order, in pixels of so many dots along a side."""
+    return list(dict.fromkeys(max(1, round(share * dots**2)) for share in _SHARES))
 
 
 def share_curve(
-    displays: Sequence[Display],
-    section: SearchSection,
-    expected: ExpectedPsnr,
+    zones: Sequence[Zone],
     *,
     stated: int = 0,
     over: float | None = None,
@@ -169,57 +198,60 @@ def share_curve(
     """The curve of a display.
 
     Args:
-        displays: alike but for the pixels that share a circuit, the fewest first.
-        stated: clear dots that are looked at before all others; 0 for none.
+        stated: clear dots that are looked at besides, where no pixel is left out; 0 for none.
         over: expected restored PSNR of what gains are over, dB.
         clock: shares that it leaves no time for are left out.
 
     Raises:
         JobError: MF117, MF118 for rules that suit no pixel.
     """
-    counts = [count for count in counts_of(section.dots) if count != stated]
-    # Two at a time, however many processes there are, so that what is left out does not depend on them.
-    waves = [[stated]] * bool(stated) + [counts[k : k + _AT_ONCE] for k in range(0, len(counts), _AT_ONCE)]
-    points: list[SharePoint] = []
-    able = list(displays)
-    for done, wave in enumerate(waves):
-        progress("shares of the pixel", done, len(waves))
-        if points and clock.over:
+    points = _of_count(zones[0], stated, clock) if stated else []
+    # So many at a time, however many processes there are, so that what is left out does not depend on them.
+    steps = range(0, max(len(counts_of(zone.section.dots)) for zone in zones), _AT_ONCE)
+    cut = False
+    for step in steps:
+        progress("shares of the pixel", step, steps.stop)
+        if cut := step >= _LEAST and clock.over:
             break
-        asked = [(tuple(able), section.model_copy(update={"clear_dots": count}), expected, clock) for count in wave]
-        tasks = executor.run_all([Call(_of_count, partial(tuple, given)) for given in asked])
-        found = [task.result() for task in tasks]
-        points += chain.from_iterable(found)
-        if wave == [stated]:
-            continue
-        # Where nothing was found, nothing larger is looked for.
-        able = [display for display, *own in zip(able, *found, strict=True) if any(point.shape for point in own)]
-        if not able:
-            break
-    progress("shares of the pixel", len(waves), len(waves))
-    points.sort(key=lambda point: (point.sharing, point.clear_dots))
-    return ShareCurve(tuple(points), over, complete=not able or not clock.over)
+        asked = [
+            (held, count)
+            for zone in zones
+            for count in counts_of(zone.section.dots)[step : step + _AT_ONCE]
+            if count != stated and (held := _able(zone, count, points)).displays
+        ]
+        tasks = executor.run_all([Call(_of_count, partial(tuple, (*given, clock))) for given in asked])
+        points += chain.from_iterable(task.result() for task in tasks)
+    progress("shares of the pixel", steps.stop, steps.stop)
+    points.sort(key=lambda point: (*_finest((point.sharing, point.across)), point.clear_dots))
+    return ShareCurve(tuple(points), over, complete=not cut)
 
 
-def _of_count(
-    displays: Sequence[Display], section: SearchSection, expected: ExpectedPsnr, clock: Clock
-) -> list[SharePoint]:
+def _able(zone: Zone, clear_dots: int, points: Sequence[SharePoint]) -> Zone:
+    """The zone with those of its displays beside which no smaller opening was found not to fit."""
+    none = {(point.sharing, point.across) for point in points if not point.shape and point.clear_dots < clear_dots}
+    held = (display for display in zone.displays if (display.rules.zone.sharing, zone.across) not in none)
+    return replace(zone, displays=tuple(held))
+
+
+def _of_count(zone: Zone, clear_dots: int, clock: Clock) -> list[SharePoint]:
     """The point of each display."""
-    shapes = shapes_of(section.families, section.dots, section.clear_dots, _MOST_SHAPES)
+    section = zone.section.model_copy(update={"clear_dots": clear_dots})
+    shapes = shapes_of(section.families, section.dots, clear_dots, _MOST_SHAPES)
     ranked: dict[bool, list[Ranked]] = {}
+    nothing = SharePoint(clear_dots, section.dots, 1, zone.across)
     points: list[SharePoint] = []
-    for display in displays:
+    for display in zone.displays:
         found, rules = None, constraints_of(section, display=display)
         kinds = () if rules.conflict() is not None else kinds_of_panel(rules, crooked=False)
         for held in kinds:
             # How circuits are shared changes nothing of the order.
             alike = held["emitters"].wired is Wired.REGULAR
             if alike not in ranked:
-                ranked[alike] = _ranked(shapes, held, replace(expected, periodic=alike or expected.periodic))
+                ranked[alike] = _ranked(shapes, held, replace(zone.expected, periodic=alike or zone.expected.periodic))
             if (found := _first(display, held, ranked[alike], clock)) is not None:
                 break
-        nothing = points[-1] if points else SharePoint(section.clear_dots, section.dots, 1)
-        points.append(replace(found or nothing, sharing=display.rules.zone.sharing))
+        found = found or (points[-1] if points else nothing)
+        points.append(replace(found, sharing=display.rules.zone.sharing, across=zone.across))
     return points
 
 
@@ -269,7 +301,9 @@ def _seen(shape: Ranked, lit: Panel, answer: Feasibility, display: Display, held
     longer = (most / answer.share) ** rules.light.ageing_exponent
     lives = [replace(one, value=one.value * longer) if one.name == "life" else one for one in judged.lives]
     numbers, alike = (*judged.looks, *lives), held["emitters"].wired is Wired.REGULAR
-    return SharePoint(held.clear_dots, dots, rules.zone.sharing, shape.name, shape.value, alike, most, numbers)
+    return SharePoint(
+        held.clear_dots, dots, rules.zone.sharing, 1, shape.name, shape.value, alike, most, numbers, shape.unit
+    )
 
 
 def _few_of_a_kind(shapes: Iterable[Ranked]) -> Iterator[Ranked]:

@@ -11,8 +11,8 @@ from maskfab.designs.search.share import ShareCurve, SharePoint
 from maskfab.report.figures.sheet import INK, image, open_field, styled
 
 _SIZE = (5.4, 3.6)
-_LOOKS = {1: ("#0072b2", "o"), 2: ("#d55e00", "s"), 4: ("#009e73", "D")}
-"""Colour and mark by pixels to a circuit, told apart by those who see fewer colours, too."""
+_LOOKS = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "D"), ("#cc79a7", "^"))
+"""Colours and marks of levels, told apart by those who see fewer colours, too."""
 
 
 @styled
@@ -21,10 +21,9 @@ def curve(found: ShareCurve) -> str:
     figure = Figure(figsize=_SIZE)
     gains, lives = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
     fitting = [point for point in found.points if point.shape]
-    for sharing, own in groupby(fitting, key=lambda point: point.sharing):
+    levels = groupby(fitting, key=lambda point: point.zone)
+    for (words, own), (colour, mark) in zip(levels, _LOOKS, strict=False):
         points = list(own)
-        colour, mark = _LOOKS.get(sharing, (INK, "o"))
-        words = "a circuit a pixel" if sharing == 1 else f"{sharing} pixels a circuit"
         for axes, value in ((gains, found.gain_db), (lives, _life)):
             at = [100 * point.share for point in points], [value(point) for point in points]
             axes.plot(*at, color=colour, lw=1.2, label=words)

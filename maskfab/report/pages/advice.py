@@ -275,7 +275,8 @@ def _decided(advised: Advised) -> str:
 
 def _asked(point: SharePoint) -> str:
     """Keys of a job that ask for a point of the curve."""
-    return f"clear_dots = {point.clear_dots} of [design] with sharing = {point.sharing} of [display]"
+    dots = f"clear_dots = {point.clear_dots} of [design] with"
+    return f"{dots} {point.zone}" if point.across > 1 else f"{dots} sharing = {point.sharing} of [display]"
 
 
 def _limits(advised: Advised) -> list[Document]:
@@ -433,6 +434,8 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     before, after = float(np.mean(designed.psnr)), laid_db(designed)
     rows = [_point_row(advised, point) for point in _points(curve)]
     rows += [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
+    if not advised.reaches:
+        rows.append(_row("gain with a rule eased", None, "", "ended before it was looked for"))
     near = designed.alternatives
     if near is not None and near.others:
         own, others = near.chosen.value, [(one.name, one.unit, one.value) for one in near.others[:2]]
@@ -453,11 +456,11 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
 
 def _points(curve: ShareCurve) -> list[SharePoint]:
     """Points that are worth a row: those that fit, with fewer circuits only where these gain anything."""
-    best: dict[int, float] = {}
+    best: dict[float, float] = {}
     points = []
     for point in (one for one in curve.points if one.shape):
-        if point.value > best.get(point.clear_dots, -math.inf):
-            best[point.clear_dots] = point.value
+        if point.value > best.get(point.share, -math.inf):
+            best[point.share] = point.value
             points.append(point)
     return points
 
@@ -471,8 +474,7 @@ def _point_row(advised: Advised, point: SharePoint) -> Document:
     pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
     chosen = ["chosen"] if point is advised.curve.best else []
     how = "; ".join([*chosen, _asked(point), point.shape, *pays])
-    shared = "a circuit a pixel" if point.sharing == 1 else f"{point.sharing} pixels a circuit"
-    return _row(f"gain at {point.share:.0%}, {shared}", advised.curve.gain_db(point), "dB", how)
+    return _row(f"gain at {point.share:.0%}, {point.zone}", advised.curve.gain_db(point), "dB", how)
 
 
 def _reach_row(reach: Reach, own: float) -> Document:
