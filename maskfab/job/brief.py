@@ -29,7 +29,7 @@ from maskfab.job.faults import parse_section
 from maskfab.job.grid import Grid, finer_grid, nearest_grid, widest_dot_nm
 from maskfab.job.sections import EmittersSection
 from maskfab.job.toml import value_text
-from maskfab.job.values import Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
+from maskfab.job.values import FieldReach, Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
 
 LINES_NM = (610.0, 530.0, 470.0)
 """Wavelengths of red, green and blue of every job written from answers."""
@@ -153,6 +153,10 @@ class Brief(Section):
     grain: _Limit
     life: Annotated[float | None, parsed(_amount, units_of=_SHARES, below=1000.0, example=_EXAMPLE)] = None
     """Least, over that of the maker's display."""
+    gap: LengthOrZero
+    """From the display to the lens; not modelled, as the field."""
+    field: FieldReach | None = None
+    """Largest angle off the axis, or image height; None for the axis alone."""
     name: Name
     house: str | None = None
 
@@ -402,6 +406,10 @@ def job_text(made: Snapped) -> str:
         luminance=brief.lux / math.pi,
         exposed="as answered" if brief.time is not None else "up to the camera's longest, white within the full well",
         die_mm=die_mm,
+        gap_mm=brief.gap / UM_PER_MM,
+        field=0
+        if brief.field is None
+        else value_text(brief.field if isinstance(brief.field, str) else f"{brief.field:g} um"),
         apart=math.ceil(die_mm + 12),
         required=brief.emitters / 3,
         shared=max(1, min(16, math.ceil(2 * usual.circuit * usual.circuits / brief.pitch**2 - 0.05))),

@@ -212,5 +212,16 @@ def test_the_name_of_a_house_is_one_text_of_the_job_whatever_is_in_it():
     assert spec["export"] == {"shop": name}
 
 
+def test_gap_and_field_are_asked_and_stand_in_the_job_as_what_is_not_modelled():
+    assert (Brief.of(PHONE).gap, Brief.of(PHONE).field) == (800.0, None)
+    brief = Brief.of({**PHONE, "gap": "1.2 mm", "field": "30 deg"})
+    text = job_text(snapped(brief))
+    assert "scene" not in tomllib.loads(text)
+    stated = "\n".join(line[2:] for line in text.splitlines() if re.match(r"# (\[scene\]|gap =|field =)", line))
+    scene = validate({**tomllib.loads(text), **tomllib.loads(stated)}, where="job").scene
+    assert (scene.gap, scene.field) == (1200.0, "30 deg")
+    assert Brief.of({"device": "galaxy_z_fold_3", "camera": "2.4 mm"}).field == "40 deg"
+
+
 def test_dots_per_inch_are_of_the_inch():
     assert Brief.of({**CAMERA, "dpi": "200"}).pitch == UM_PER_INCH / 200

@@ -27,6 +27,7 @@ from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
+from maskfab.runs.off_axis import off_axis
 
 JOB = """
 [job]
@@ -261,6 +262,37 @@ def test_a_photograph_that_a_reader_can_judge_stands_beside_the_drawn_scenes(ans
 def test_no_photograph_is_no_fault(answer, monkeypatch):
     monkeypatch.setattr(page_of_advice, "portrait", lambda: None)
     assert "portrait_told" not in page_of_advice.pictures(answer.found)
+
+
+def test_the_verdict_says_what_it_is_no_verdict_on(answer):
+    (told,) = answer.to_dict()["caveats"]
+    assert (
+        told == "judged with the display at the lens and along the axis alone, for [scene] states no gap and no field"
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "rows", "said"),
+    [
+        (None, {"diffraction over the gap"}, "a gap of 0.5 mm is not modelled, which changes"),
+        (
+            "10 deg",
+            {"diffraction over the gap", "shift through the gap", "oblique light"},
+            "and a field of 10 deg are not",
+        ),
+        (200.0, {"diffraction over the gap", "shift through the gap"}, "and a field of 0.2 mm are not modelled"),
+        ("80 deg", set(), "by how much that tells is not known: "),
+    ],
+)
+def test_gap_and_field_are_told_as_the_check_estimates_them(answer, field, rows, said):
+    found = answer.found
+    caveat = off_axis(found.job, found.name, 500.0, field)
+    assert said in caveat
+    told = dict(re.findall(r"(\S+) \(([^)]+)\)", caveat))
+    assert rows <= set(told.values())
+    document = advice_document(replace(found, notes=(*found.notes, caveat)), "maskfab advise", [])
+    assert document["caveats"] == [caveat]
+    assert caveat not in document["left_out"]
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

@@ -55,6 +55,12 @@ def laid_db(designed: Designed) -> float:
     return float(np.mean(designed.psnr if designed.designed is None else designed.designed.psnr))
 
 
+class Caveat(str):
+    """A note that stands beside the verdict: what it is no verdict on."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True)
 class Reach:
     """The largest opening that was found to fit a display, its rules as they stand or with one of them eased.
@@ -188,6 +194,7 @@ class AdvicePart(Part):
     build: bool
     verdict: str
     why_not: list[str]
+    caveats: list[str] = Field(description="what the verdict is no verdict on")
     answers: list[_Answer]
     assumes: list[str]
     left_out: list[str]
@@ -242,6 +249,16 @@ def _starved(advised: Advised) -> str:
     if largest is None or more < WORTH_DB:
         return why
     return f"{why}; try clear_dots = {largest.clear_dots}, which fit and are expected to gain {more:.1f} dB more"
+
+
+def caveats(advised: Advised) -> list[str]:
+    """What the verdict is no verdict on, of the lens and its distance, in words that go on after a comma."""
+    scene, answered = advised.job.spec.scene, [note for note in advised.notes if isinstance(note, Caveat)]
+    lacks = [key for key in ("gap", "field") if scene is None or not getattr(scene, key)]
+    if answered or not lacks:
+        return list(answered)
+    held = {"gap": "with the display at the lens", "field": "along the axis alone"}
+    return [f"judged {' and '.join(held[key] for key in lacks)}, for [scene] states no {' and no '.join(lacks)}"]
 
 
 def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
@@ -500,7 +517,8 @@ def advice_document(
         asked = "The best that was found" if key == "build" and reasons else question
         answers.append(_Answer.document(key=key, question=asked, sentence=sentence, method=method, rows=rows))
     taken = advised.photographs
-    left = [*dict.fromkeys(note for die in taken.dies.values() for note in die.left_out), *advised.notes]
+    left = [*dict.fromkeys(note for die in taken.dies.values() for note in die.left_out)]
+    left += [note for note in advised.notes if not isinstance(note, Caveat)]
     # What a design and photographs do not use by themselves, others of this answer may.
     left += [note for note in advised.designed.notes if "not used of the job" not in note]
     cut = ["A search that its budget cut short is not repeated bit for bit."] if advised.designed.cut else []
@@ -514,6 +532,7 @@ def advice_document(
         build=not reasons,
         verdict=_verdict(advised, reasons),
         why_not=reasons,
+        caveats=caveats(advised),
         answers=answers,
         assumes=list(_assumes(advised)),
         left_out=[*left, *cut],
