@@ -23,6 +23,7 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
+from maskfab.mask.job import resolve
 from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
@@ -293,6 +294,19 @@ def test_gap_and_field_are_told_as_the_check_estimates_them(answer, field, rows,
     document = advice_document(replace(found, notes=(*found.notes, caveat)), "maskfab advise", [])
     assert document["caveats"] == [caveat]
     assert caveat not in document["left_out"]
+
+
+def test_a_reference_that_does_not_fit_is_said_to_be_none(answer, tmp_path):
+    def told(found):
+        return advice_document(found, "maskfab advise", [])["answers"][1]["sentence"]
+
+    assert "But plain slits could not be built: by the job's rules, " in told(answer.found)
+    small = read(write(tmp_path, ('opening = "slit.toml"', 'opening = "small.toml"')))
+    grid = "\n".join(["....##....."] * 2 + ["." * 11] * 9)
+    (tmp_path / "small.toml").write_text(SLIT.format(name="small", grid=grid), encoding="utf-8")
+    spec = answer.found.job.spec
+    job = resolve(spec.model_copy(update={"die": (small.die[0], *spec.die[1:])}), tmp_path / "tiny.toml")
+    assert "could not be built" not in told(replace(answer.found, job=job))
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from markupsafe import Markup
 from pydantic import Field
 
 from maskfab.base import __version__
+from maskfab.base.errors import JobError
 from maskfab.base.folders import Place
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
@@ -29,7 +31,7 @@ from maskfab.designs.rules.display_fit import misfit
 from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import Designed
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays, display_rules, feasibility
 from maskfab.findings.optics import plate_as_seen
 from maskfab.findings.photographs import NOISE_DB, Photographs, Restored, Surroundings
 from maskfab.mask.job import Job
@@ -47,6 +49,8 @@ DOCUMENT, PAGE = "advice.json", "advice.html"
 WORTH_DB = 10 * math.log10(2 ** (1 / 3))
 """Least gain that is worth a mask: photon noise falls as much by a third of a stop more light, the smallest step by
 which cameras set their exposure."""
+_FEW = 8
+"""Pixels along a side in which the display of a reference is looked at, which takes less than a second."""
 _MODEL = "estimate by the expected PSNR of restored photographs"
 
 
@@ -372,12 +376,26 @@ def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
         error = None if math.isnan(own.half_width) else own.half_width
         more = {"error": error, "limit": WORTH_DB, "least": True, "passed": advised.gained(light)}
         rows.append(_row(f"gain at {advised.light(light)}", own.mean, "dB", advised.electrons(light), **more))
+    why = _reference_misfit(advised)
+    unfit = "" if why is None else f" But {advised.reference} could not be built: by the job's rules, {why}."
     return (
-        f"{gain_words(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
+        f"{gain_words(gain)} at {advised.light(level)}, {advised.electrons(level)}.{unfit}",
         f"PSNR is the distance of a restored photograph from the scene: 3 dB more is half the error's power. Gains are "
         f"means of {gain.count} drawn scenes, paired over {advised.reference}, with their {CONFIDENCE:.0%} interval.",
         rows,
     )
+
+
+@lru_cache(maxsize=4)
+def _reference_misfit(advised: Advised) -> str | None:
+    """Why the display of the reference does not fit, as its first pixels tell; None if it does, or nothing must."""
+    job, rules = advised.job, display_rules(advised.job)
+    panel = job.panels()[job.spec.die[0].name]
+    few = replace(panel, orientations=panel.orientations[:_FEW, :_FEW])
+    try:
+        return None if rules is None else misfit(feasibility(few, rules, largest=False))
+    except JobError as refusal:
+        return refusal.what
 
 
 def _costs(advised: Advised) -> tuple[str, str, list[Document]]:
