@@ -16,8 +16,8 @@ _OFF_AXIS = frozenset({"oblique light", "shift through the gap", "diffraction ov
 
 
 def off_axis(job: Job, name: str, gap_um: float, field: float | str | None) -> Caveat:
-    """What is not modelled of a lens, and by how much it changes the image of a point behind a die at most, as ``check
-    --optics`` estimates it.
+    """Parts of a lens that are not modelled, and by how much they change the image of a point behind a die at most, as
+    ``check --optics`` estimates it.
 
     Args:
         name: of the die.

@@ -256,7 +256,7 @@ def _starved(advised: Advised) -> str:
 
 
 def caveats(advised: Advised) -> list[str]:
-    """What the verdict is no verdict on, of the lens and its distance, in words that go on after a comma."""
+    """Conditions of the lens and its distance that the verdict is no verdict on, in words that go on after a comma."""
     scene, answered = advised.job.spec.scene, [note for note in advised.notes if isinstance(note, Caveat)]
     lacks = [key for key in ("gap", "field") if scene is None or not getattr(scene, key)]
     if answered or not lacks:
