@@ -83,7 +83,7 @@ def test_lengths_that_are_told_to_have_a_finer_grid_are_given_it(answers):
 def test_a_pitch_one_per_cent_off_is_told_the_finer_grid_beside_it():
     made = snapped(Brief.of({"pitch": "138.6 um", **RULES_OF_4, **CAMERA}))
     assert made.dots == 23
-    assert '35 dots of 4 um and not 23 of 6 um: answer pitch = "140 um" (+1.0%)' in made.finer
+    assert '35 dots of 4 um beside 23 dots of 6 um: answer pitch = "140 um" (+1.0%)' in made.finer
 
 
 @pytest.mark.parametrize("seed", range(60))
