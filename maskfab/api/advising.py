@@ -35,6 +35,7 @@ from maskfab.report.pages.advice import (
 )
 from maskfab.runs.advice import advise as advise_spec
 from maskfab.runs.advice import job_files, searched
+from maskfab.runs.off_axis import off_axis
 
 if TYPE_CHECKING:
     from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
@@ -121,7 +122,7 @@ def advise(
     """
     clock = budget_clock(parse_time_s(budget or BUDGET, where="budget"), refuses=budget is not None)
     began = time.monotonic()
-    notes, text = tuple[str, ...](), ""
+    made, notes, text = None, tuple[str, ...](), ""
     if job is not None:
         if answers is not None:
             what = "answers cannot be stated beside a job, which says what is designed"
@@ -151,6 +152,11 @@ def advise(
             clock=clock,
             notes=notes,
         )
+        if made is not None:
+            progress("off the axis", 0, 1)
+            lens = off_axis(found.job, found.name, made.brief.gap, made.brief.field)
+            found = replace(found, notes=(*found.notes, lens))
+            progress("off the axis", 1, 1)
     taken = {"wall_s": time.monotonic() - began, "processor_s": effort.seconds}
     return Advice(found, command, {key: round(seconds, 1) for key, seconds in taken.items()})
 

@@ -29,7 +29,7 @@ from maskfab.job.faults import parse_section
 from maskfab.job.grid import Grid, finer_grid, nearest_grid, widest_dot_nm
 from maskfab.job.sections import CircuitsSection, EmittersSection
 from maskfab.job.toml import value_text
-from maskfab.job.values import Area, Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
+from maskfab.job.values import Area, FieldReach, Length, LengthOrZero, LookedFrom, Name, Pitch, Section, Time, parsed
 
 LINES_NM = (610.0, 530.0, 470.0)
 """Wavelengths of red, green and blue of every job written from answers."""
@@ -162,6 +162,10 @@ class Brief(Section):
     grain: _Limit
     life: Annotated[float | None, parsed(_amount, units_of=_SHARES, below=1000.0, example=_EXAMPLE)] = None
     """Least, over that of the maker's display."""
+    gap: LengthOrZero
+    """From the display to the lens; not modelled, as the field."""
+    field: FieldReach | None = None
+    """Largest angle off the axis, or image height; None for the axis alone."""
     name: Name
     house: str | None = None
 
@@ -358,18 +362,11 @@ def snapped(brief: Brief) -> Snapped:
     if found is None:
         what = f"camera pixels of {brief.camera.pixel:g} um need finer dots than pitch = {brief.pitch:g} um allows"
         raise JobError("MF151", what, where="answers: camera", cure="Give a camera of finer pixels, or a finer display")
-    dots, cell_nm, got_nm = found.dots, found.cell_nm, (found.pitch_nm, *found.rules_nm)
-    lengths = {key: got / NM_PER_UM for key, got in zip(("pitch", *RULES), got_nm, strict=True)}
+    dots, cell_nm, lengths = found.dots, found.cell_nm, _lengths(found)
     whole = {key: round(getattr(brief, key) * NM_PER_UM) / NM_PER_UM for key in ("line", "space", "clearance")}
-    why = dict.fromkeys(lengths, f"whole cells of {cell_nm / NM_PER_UM:g} um") | dict.fromkeys(
-        whole, "whole nanometres"
-    )
-    moves = [
-        Move(key, asked, got, "um", why[key])
-        for key, got in {**lengths, **whole}.items()
-        if abs(got - (asked := getattr(brief, key))) > UM_PER_NM / 2
-    ]
-    room = max(1, dots - math.ceil(brief.crossing_um * NM_PER_UM * dots / got_nm[0] - 1e-9))
+    moves = _moves(brief, lengths, f"whole cells of {cell_nm / NM_PER_UM:g} um")
+    moves += _moves(brief, whole, "whole nanometres")
+    room = max(1, dots - math.ceil(brief.crossing_um * NM_PER_UM * dots / found.pitch_nm - 1e-9))
     slits = [
         (max(1, min(room, round(brief.slit * dots**2 / h))), h) for h in range(room, math.ceil(0.8 * room) - 1, -1)
     ]
@@ -382,17 +379,20 @@ def snapped(brief: Brief) -> Snapped:
     return Snapped(moved, dots, cell_nm, (width, height), tuple(moves), (finer and _finer(brief, found, finer)) or "")
 
 
+def _lengths(grid: Grid) -> dict[str, float]:
+    return {key: nm / NM_PER_UM for key, nm in zip(("pitch", *RULES), (grid.pitch_nm, *grid.rules_nm), strict=True)}
+
+
+def _moves(brief: Brief, lengths: Mapping[str, float], why: str) -> list[Move]:
+    asked = {key: (getattr(brief, key), got) for key, got in lengths.items()}
+    return [Move(key, was, got, "um", why) for key, (was, got) in asked.items() if abs(got - was) > UM_PER_NM / 2]
+
+
 def _finer(brief: Brief, found: Grid, finer: Grid) -> str:
-    lengths = zip(("pitch", *RULES), (finer.pitch_nm, *finer.rules_nm), strict=True)
-    moved = [
-        f'{key} = "{length / NM_PER_UM:.10g} um" ({length / NM_PER_UM / asked - 1:+.1%})'
-        for key, length in lengths
-        if abs(length / NM_PER_UM - (asked := getattr(brief, key))) > UM_PER_NM / 2
-    ]
-    return (
-        f"A finer grid is near, {finer.dots} dots of {finer.dot_nm / NM_PER_UM:g} um and not {found.dots} of "
-        f"{found.dot_nm / NM_PER_UM:g} um: answer {', '.join(moved)}. What finer dots gain is not estimated here."
-    )
+    moves = _moves(brief, _lengths(finer), "")
+    answers = ", ".join(f'{one.name} = "{one.got:.10g} um" ({one.got / one.asked - 1:+.1%})' for one in moves)
+    near, own = (f"{grid.dots} dots of {grid.dot_nm / NM_PER_UM:g} um" for grid in (finer, found))
+    return f"A finer grid is near, {near} beside {own}: answer {answers}. What finer dots gain is not estimated here."
 
 
 def job_text(made: Snapped) -> str:
@@ -420,6 +420,10 @@ def job_text(made: Snapped) -> str:
         luminance=brief.lux / math.pi,
         exposed="as answered" if brief.time is not None else "up to the camera's longest, white within the full well",
         die_mm=die_mm,
+        gap_mm=brief.gap / UM_PER_MM,
+        field=0
+        if brief.field is None
+        else value_text(brief.field if isinstance(brief.field, str) else f"{brief.field:g} um"),
         apart=math.ceil(die_mm + 12),
         required=brief.emitters / 3,
         share=_share_line(made),

@@ -59,8 +59,8 @@ def devices() -> Mapping[str, Device]:
 def of_device(answers: Mapping[str, object]) -> dict[str, object]:
     """Answers in which ``device`` is spelt out: its density as ``dpi``, its lens and pixel as ``camera``.
 
-    Answers to ``pitch`` or ``dpi`` stand, and to ``camera``: all its numbers, or the focal length alone where the rest
-    is published.
+    Half of its field of view is ``field``. Answers to ``pitch``, ``dpi`` or ``field`` stand, and to ``camera``: all its
+    numbers, or the focal length alone where the rest is published.
 
     Raises:
         JobError: MF105 for a device that is not in the list, or of which a number is neither published nor answered.
@@ -74,6 +74,8 @@ def of_device(answers: Mapping[str, object]) -> dict[str, object]:
     device = devices()[name]
     if device.dpi is not None and not stated.keys() & {"dpi", "pitch"}:
         stated["dpi"] = f"{device.dpi:g} dpi"
+    if device.field_deg is not None:
+        stated.setdefault("field", f"{device.field_deg / 2:g} deg")
     focal = device.focal
     if "camera" in stated:
         try:

@@ -18,7 +18,6 @@ from maskfab.base.extras import require
 from maskfab.base.model import Quantity
 from maskfab.base.quantities import columns
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, decimals_of
-from maskfab.designs.rules.families import explained
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -310,10 +309,10 @@ USEFUL_DB = 1.0
 
 def designed_lines(designed: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
-    cells, psnr = (
-        designed.designed,
-        _levels(designed, designed.psnr if designed.designed is None else designed.designed.psnr),
-    )
+    from maskfab.designs.rules.families import explained
+
+    cells = designed.designed
+    psnr = _levels(designed, designed.psnr if cells is None else cells.psnr)
     lines = [f"{designed.shape}: {designed.opening.clear_dots} clear dots, expected restored PSNR {psnr}"]
     lines[0] += "" if cells is None else ", with its map"
     lines += filter(None, [explained(designed.opening.dot_nm / NM_PER_UM, designed.shape)])

@@ -86,7 +86,7 @@ def test_lengths_that_are_told_to_have_a_finer_grid_are_given_it(answers):
 def test_a_pitch_one_per_cent_off_is_told_the_finer_grid_beside_it():
     made = snapped(Brief.of({"pitch": "138.6 um", **RULES_OF_4, **CAMERA}))
     assert made.dots == 23
-    assert '35 dots of 4 um and not 23 of 6 um: answer pitch = "140 um" (+1.0%)' in made.finer
+    assert '35 dots of 4 um beside 23 dots of 6 um: answer pitch = "140 um" (+1.0%)' in made.finer
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -218,6 +218,17 @@ def test_the_name_of_a_house_is_one_text_of_the_job_whatever_is_in_it():
     name = 'a" b\n[camera] \\'
     spec = tomllib.loads(job_text(snapped(Brief.of({"pitch": "63 um", "camera": "phone_main", "house": name}))))
     assert spec["export"] == {"shop": name}
+
+
+def test_gap_and_field_are_asked_and_stand_in_the_job_as_what_is_not_modelled():
+    assert (Brief.of(PHONE).gap, Brief.of(PHONE).field) == (800.0, None)
+    brief = Brief.of({**PHONE, "gap": "1.2 mm", "field": "30 deg"})
+    text = job_text(snapped(brief))
+    assert "scene" not in tomllib.loads(text)
+    stated = "\n".join(line[2:] for line in text.splitlines() if re.match(r"# (\[scene\]|gap =|field =)", line))
+    scene = validate({**tomllib.loads(text), **tomllib.loads(stated)}, where="job").scene
+    assert (scene.gap, scene.field) == (1200.0, "30 deg")
+    assert Brief.of({"device": "galaxy_z_fold_3", "camera": "2.4 mm"}).field == "40 deg"
 
 
 def test_dots_per_inch_are_of_the_inch():

@@ -23,10 +23,12 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
+from maskfab.mask.job import resolve
 from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
 from maskfab.runs.advice import job_files
+from maskfab.runs.off_axis import off_axis
 
 JOB = """
 [job]
@@ -302,6 +304,50 @@ def test_a_photograph_that_a_reader_can_judge_stands_beside_the_drawn_scenes(ans
 def test_no_photograph_is_no_fault(answer, monkeypatch):
     monkeypatch.setattr(page_of_advice, "portrait", lambda: None)
     assert "portrait_told" not in page_of_advice.pictures(answer.found)
+
+
+def test_the_verdict_says_what_it_is_no_verdict_on(answer):
+    (told,) = answer.to_dict()["caveats"]
+    assert (
+        told == "judged with the display at the lens and along the axis alone, for [scene] states no gap and no field"
+    )
+
+
+@pytest.mark.parametrize(
+    ("field", "rows", "said"),
+    [
+        (None, {"diffraction over the gap"}, "a gap of 0.5 mm is not modelled, which changes"),
+        (
+            "10 deg",
+            {"diffraction over the gap", "shift through the gap", "oblique light"},
+            "and a field of 10 deg are not",
+        ),
+        (200.0, {"diffraction over the gap", "shift through the gap"}, "and a field of 0.2 mm are not modelled"),
+        ("80 deg", set(), "by how much that tells is not known: "),
+    ],
+)
+def test_gap_and_field_are_told_as_the_check_estimates_them(answer, field, rows, said):
+    found = answer.found
+    caveat = off_axis(found.job, found.name, 500.0, field)
+    assert said in caveat
+    told = dict(re.findall(r"(\S+) \(([^)]+)\)", caveat))
+    assert rows <= set(told.values())
+    document = advice_document(replace(found, notes=(*found.notes, caveat)), "maskfab advise", [])
+    assert document["caveats"] == [caveat]
+    assert caveat not in document["left_out"]
+
+
+def test_a_reference_that_does_not_fit_is_said_to_be_none(answer, tmp_path):
+    def told(found):
+        return advice_document(found, "maskfab advise", [])["answers"][1]["sentence"]
+
+    assert "But plain slits could not be built: by the job's rules, " in told(answer.found)
+    small = read(write(tmp_path, ('opening = "slit.toml"', 'opening = "small.toml"')))
+    grid = "\n".join(["....##....."] * 2 + ["." * 11] * 9)
+    (tmp_path / "small.toml").write_text(SLIT.format(name="small", grid=grid), encoding="utf-8")
+    spec = answer.found.job.spec
+    job = resolve(spec.model_copy(update={"die": (small.die[0], *spec.die[1:])}), tmp_path / "tiny.toml")
+    assert "could not be built" not in told(replace(answer.found, job=job))
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

@@ -212,11 +212,11 @@ _NUMBERS = {
     "cross": "two bars that cross in their middles, height x width of their thickness, at its lower left",
     "blobs": "bars at places drawn by chance",
 }
-"""What the numbers in the name of a candidate are, by its family."""
+"""Meaning of the numbers in the name of a candidate, by its family."""
 
 
 def explained(dot_um: float, *names: str) -> str:
-    """What names of candidates say, in one sentence; empty for names of no family.
+    """Meaning of names of candidates, in one sentence; empty for names of no family.
 
     Args:
         dot_um: side of a dot, the unit of their numbers.

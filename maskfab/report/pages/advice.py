@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from markupsafe import Markup
 from pydantic import Field
 
 from maskfab.base import __version__
+from maskfab.base.errors import JobError
 from maskfab.base.folders import Place
 from maskfab.base.model import Tiling
 from maskfab.base.units import NM_PER_UM, decimals_of
@@ -30,7 +32,7 @@ from maskfab.designs.rules.families import explained
 from maskfab.designs.search.result import Designed
 from maskfab.designs.search.share import ShareCurve, SharePoint
 from maskfab.display.emitter_rules import Verdict
-from maskfab.display.feasibility import Feasibility, PlateWithDisplays
+from maskfab.display.feasibility import Feasibility, PlateWithDisplays, display_rules, feasibility
 from maskfab.findings.optics import plate_as_seen
 from maskfab.findings.photographs import NOISE_DB, Photographs, Restored, Surroundings
 from maskfab.mask.job import Job
@@ -49,12 +51,20 @@ DOCUMENT, PAGE = "advice.json", "advice.html"
 WORTH_DB = 10 * math.log10(2 ** (1 / 3))
 """Least gain that is worth a mask: photon noise falls as much by a third of a stop more light, the smallest step by
 which cameras set their exposure."""
+_FEW = 8
+"""Pixels along a side in which the display of a reference is looked at, which takes less than a second."""
 _MODEL = "estimate by the expected PSNR of restored photographs"
 
 
 def laid_db(designed: Designed) -> float:
     """Expected restored PSNR of what is laid, with its map if it has one, dB, mean over the levels."""
     return float(np.mean(designed.psnr if designed.designed is None else designed.designed.psnr))
+
+
+class Caveat(str):
+    """A note that stands beside the verdict: what it is no verdict on."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True)
@@ -192,6 +202,7 @@ class AdvicePart(Part):
     build: bool
     verdict: str
     why_not: list[str]
+    caveats: list[str] = Field(description="what the verdict is no verdict on")
     answers: list[_Answer]
     assumes: list[str]
     left_out: list[str]
@@ -246,6 +257,16 @@ def _starved(advised: Advised) -> str:
     if best is None or more < WORTH_DB:
         return why
     return f"{why}; try {_asked(best)}, which fits and is expected to gain {more:.1f} dB more"
+
+
+def caveats(advised: Advised) -> list[str]:
+    """Conditions of the lens and its distance that the verdict is no verdict on, in words that go on after a comma."""
+    scene, answered = advised.job.spec.scene, [note for note in advised.notes if isinstance(note, Caveat)]
+    lacks = [key for key in ("gap", "field") if scene is None or not getattr(scene, key)]
+    if answered or not lacks:
+        return list(answered)
+    held = {"gap": "with the display at the lens", "field": "along the axis alone"}
+    return [f"judged {' and '.join(held[key] for key in lacks)}, for [scene] states no {' and no '.join(lacks)}"]
 
 
 def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
@@ -374,12 +395,26 @@ def _photographs(advised: Advised) -> tuple[str, str, list[Document]]:
         error = None if math.isnan(own.half_width) else own.half_width
         more = {"error": error, "limit": WORTH_DB, "least": True, "passed": advised.gained(light)}
         rows.append(_row(f"gain at {advised.light(light)}", own.mean, "dB", advised.electrons(light), **more))
+    why = _reference_misfit(advised)
+    unfit = "" if why is None else f" But {advised.reference} could not be built: by the job's rules, {why}."
     return (
-        f"{gain_words(gain)} at {advised.light(level)}, {advised.electrons(level)}.",
+        f"{gain_words(gain)} at {advised.light(level)}, {advised.electrons(level)}.{unfit}",
         f"PSNR is the distance of a restored photograph from the scene: 3 dB more is half the error's power. Gains are "
         f"means of {gain.count} drawn scenes, paired over {advised.reference}, with their {CONFIDENCE:.0%} interval.",
         rows,
     )
+
+
+@lru_cache(maxsize=4)
+def _reference_misfit(advised: Advised) -> str | None:
+    """Why the display of the reference does not fit, as its first pixels tell; None if it does, or nothing must."""
+    job, rules = advised.job, display_rules(advised.job)
+    panel = job.panels()[job.spec.die[0].name]
+    few = replace(panel, orientations=panel.orientations[:_FEW, :_FEW])
+    try:
+        return None if rules is None else misfit(feasibility(few, rules, largest=False))
+    except JobError as refusal:
+        return refusal.what
 
 
 def _costs(advised: Advised) -> tuple[str, str, list[Document]]:
@@ -539,7 +574,8 @@ def advice_document(
         asked = "The best that was found" if key == "build" and reasons else question
         answers.append(_Answer.document(key=key, question=asked, sentence=sentence, method=method, rows=rows))
     taken = advised.photographs
-    left = [*dict.fromkeys(note for die in taken.dies.values() for note in die.left_out), *advised.notes]
+    left = [*dict.fromkeys(note for die in taken.dies.values() for note in die.left_out)]
+    left += [note for note in advised.notes if not isinstance(note, Caveat)]
     # What a design and photographs do not use by themselves, others of this answer may.
     left += [note for note in advised.designed.notes if "not used of the job" not in note]
     cut = ["A search that its budget cut short is not repeated bit for bit."] if advised.designed.cut else []
@@ -553,6 +589,7 @@ def advice_document(
         build=not reasons,
         verdict=_verdict(advised, reasons),
         why_not=reasons,
+        caveats=caveats(advised),
         answers=answers,
         assumes=list(_assumes(advised)),
         left_out=[*left, *cut],
