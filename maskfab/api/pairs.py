@@ -111,8 +111,9 @@ def prepared(
     if loaded.spec.exposure is not None and loaded.spec.exposure.brackets:
         asked = replace(asked, unused=(*asked.unused, named("exposure.brackets")))
     order, splits = by_split([path.name for path in paths], wanted)
-    sources = tuple(_source(paths[place]) for place in order)
-    _check_apart(sources)
+    every = [Source(path, sha256_of_file(path), picture_shape(path)) for path in paths]
+    _check_apart(every)
+    sources = tuple(every[place] for place in order)
     window = Window.of(wanted.crop, sources, -(-wanted.count // len(sources)))
     transfers = dict[str, Transfer]()
 
@@ -159,10 +160,6 @@ def _reading(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
     return sensor, tuple(assumed)
 
 
-def _source(path: Path) -> Source:
-    return Source(path, sha256_of_file(path), picture_shape(path))
-
-
 def _check_apart(sources: Sequence[Source]) -> None:
     seen: dict[str, Source] = {}
     for source in sources:
@@ -172,7 +169,7 @@ def _check_apart(sources: Sequence[Source]) -> None:
 
 
 def _sheet(plan: Plan) -> dict[str, Any]:
-    """What a data sheet says of a plan."""
+    """Part of a data sheet that follows from a plan."""
     wanted, window = plan.wanted, plan.window
     coded = f"uint{8 if wanted.bits <= 8 else 16} of {wanted.bits} bits"
     types = {"clean": "float16", "blurred": "float16", "raw": f"uint16 of {plan.sensor.bits} bits", "coded": coded}
@@ -220,7 +217,7 @@ class PairSet(Result):
 
     @classmethod
     def written(cls, pairs: Pairs, path: Path, crew: Workers, progress: Progress) -> PairSet:
-        """The set, made as far as it is not there; errors as :func:`maskfab.runs.pair_files.write_pairs`."""
+        """A set, made as far as it is not there; errors as :func:`maskfab.runs.pair_files.write_pairs`."""
         return cls(path, write_pairs(pairs, path, crew, progress), pairs.datasheet)
 
     def to_dict(self) -> dict[str, Any]:

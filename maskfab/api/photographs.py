@@ -180,10 +180,10 @@ def simulate(
     seed: int | None = None,
     crop: Annotated[int | None, "PIXELS"] = None,
     bits: int | None = None,
-    validation: float | None = None,
-    test: float | None = None,
-    scheduler: Annotated[str | None, "ADDRESS"] = None,
     workers: Annotated[int | None, "1..1024"] = None,
+    validation: InPython[float | None] = None,
+    test: InPython[float | None] = None,
+    scheduler: InPython[str | None] = None,
     pictures: InPython[bool] = True,
     progress: Progress = silent,
 ) -> Simulation | PairSet:
@@ -217,14 +217,13 @@ def simulate(
             With auto the one for each photograph that its record speaks for, of those named beside it or of all.
         checkpoints: file of maskfab learn, one for each die: one more restorer, learned, beside those named.
         pairs: folder to write pairs into, of the photographs of images; one that holds a part of them is completed.
-        count: of pairs; it must be stated with pairs.
-        seed: of the crops, dies, light, noise and splits of pairs; by default 0.
+        count: number of pairs in all; it must be stated with pairs.
+        seed: seed of the crops, dies, light, noise and splits of pairs; by default 0.
         crop: pixels along a side of pairs; by default 256.
-        bits: of the camera's picture in pairs, 8 or 10; by default 8. Its RAW has those of [sensor].
-        validation: share of photographs whose pairs are for validation; by default 0.1.
-        test: share of photographs whose pairs are for the test; by default 0.1.
-        scheduler: address of a Dask scheduler whose workers make pairs; they share the folders.
+        bits: bits of the camera's picture in pairs, 8 or 10; by default 8. RAW has those of [sensor].
         workers: processes that make pairs; by default as many as processors and memory bear. The files are the same.
+        validation, test: shares of photographs whose pairs are not for training; by default 0.1 each.
+        scheduler: address of a Dask scheduler whose workers make pairs, if they see the same folders.
         pictures: keep part of the photographs of the first scene, by the last restorer, for notebooks and files.
         progress: told where the work stands.
 

@@ -53,7 +53,7 @@ Pair: TypeAlias = dict[str, Any]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What pairs are asked for, as :func:`maskfab.api.pairs.pairs` takes it.
+    """Pairs as they are asked for, as :func:`maskfab.api.pairs.pairs` takes it.
 
     Raises:
         JobError: MF104, MF105 for what cannot be.
@@ -144,7 +144,7 @@ class Window:
 
 
 def _fast(least: int) -> int:
-    """The least even number of at least so many points of which transforms are fast."""
+    """Least even number of at least so many points of which transforms are fast."""
     return 2 * fast_length(-(-least // 2))
 
 
@@ -273,7 +273,7 @@ class Pairs:
             "clean": np.ascontiguousarray(_cut(half, row["top"], row["left"], wanted.crop)),
             "blurred": np.ascontiguousarray(blurred, dtype=np.float16),
             "raw": (codes + np.float32(sensor.black_level)).astype(np.uint16),
-            "coded": curve[sixteenths],
+            "coded": curve.take(sixteenths),
             **row,
         }
 

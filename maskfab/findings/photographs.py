@@ -176,7 +176,7 @@ class Conditions:
     def designs(
         self, job: Job, panels: Mapping[str, Panel], take: Callable[[Design, tuple[str, ...]], Taken], *, named: bool
     ) -> tuple[list[Taken], dict[str, JobError]]:
-        """What is made of each die and its sentences, one after the other; and why others cannot be photographed.
+        """All that is made of each die and its sentences, one after the other; and why others cannot be photographed.
 
         Raises:
             JobError: that of a die that is named; MF122, or what all have in common, if none can be judged.

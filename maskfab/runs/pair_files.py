@@ -147,18 +147,20 @@ def _write_psfs(pairs: Pairs, folder: Path) -> None:
         "job_sha256": sheet["job_hash"],
     }
     for die in pairs.plan.dies:
-        transfer = pairs.transfers[die.name]
+        transfer, last = pairs.transfers[die.name], folder / f"{die.name}.exr"
+        if last.exists():
+            continue
         with files.partial(folder / f"{die.name}.transfer.npy") as aside, aside.open("wb") as file:
             np.save(file, transfer)
         psf = scipy.fft.irfft2(transfer, s=margin.shape, workers=1)[:, near[:, None], near].astype(np.float32)
         with files.partial(folder / f"{die.name}.npz") as aside, aside.open("wb") as file:
             write_arrays(file, {"psf": psf, "pixel_um": np.array(sheet["pixel_um"]), "beyond": np.array(die.beyond)})
-        with files.partial(folder / f"{die.name}.exr") as aside:
+        with files.partial(last) as aside:
             write_channels(psf.transpose(1, 2, 0), ("R", "G", "B"), aside, {**header, "die": die.name})
 
 
 def notes_of(sheet: Mapping[str, Any]) -> str:
-    """The data sheet for people, with how to read the arrays."""
+    """Words of a data sheet for people, with how to read the arrays."""
     (rows, columns), around = sheet["window_pixels"], sheet["surroundings_pixels"]
     listed = [
         *(f"`{name}`: {about['dtype']}; {about['holds']}" for name, about in sheet["arrays"].items()),
