@@ -102,7 +102,7 @@ def prepared(
         key, cure = ("images", "a folder of photographs") if images is None else ("count", "such as 10000")
         raise JobError("MF105", f"pairs are asked for, and no {key}", where=key, cure=f"Add {key}, {cure}")
     wanted = Wanted(**{key: value for key, value in own.items() if value is not None})
-    paths, skipped = picture_files(Path(images))
+    paths, skipped = picture_files(Path(images).resolve())
     conditions = partial(Conditions.of, protocol="camera", levels=levels, brackets=())
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
     asked = conditions(loaded)
@@ -185,6 +185,8 @@ def _sheet(plan: Plan) -> dict[str, Any]:
         "window_pixels": window.margin.shape,
         "surroundings_pixels": window.margin.width,
         "pairs_of_one_window": window.groups,
+        "pairs_of_one_photograph": -(-wanted.count // len(plan.sources)),
+        "crops_side_by_side": plan.side_by_side,
         "arrays": {name: {"dtype": types[name], "holds": text} for name, text in ARRAYS.items()},
         "rounding": "half precision errs by 2^-11 of a value at most, or 3e-8 of white; blur is in single precision",
         "noise": "Poisson's counts of electrons and normal read noise, cut at a full well, rounded to codes; one draw "

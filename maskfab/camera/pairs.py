@@ -182,6 +182,12 @@ class Plan:
         """Number of the first pair of a photograph; behind the last one the number of all."""
         return -(-source * self.wanted.count // len(self.sources))
 
+    @property
+    def side_by_side(self) -> int:
+        """Crops that the smallest photograph holds without overlap, its surroundings left out."""
+        spare = 2 * self.window.margin.width
+        return min(math.prod((side - spare) // self.wanted.crop for side in source.shape) for source in self.sources)
+
     def of_split(self, split: str) -> range:
         """Numbers of its pairs."""
         place = SPLITS.index(split)
@@ -296,7 +302,7 @@ def _cut(planes: NDArray[Any], top: int, left: int, side: int) -> NDArray[Any]:
     return planes[:, top : top + side, left : left + side]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _curve(most: int, light: float, bits: int) -> NDArray[np.unsignedinteger[Any]]:
     """sRGB codes of so many bits, by sixteenths of a sensor's code, each code so much light."""
     codes = code_of_light(np.arange(16 * most + 1) * (light / 16)) * (2**bits - 1)

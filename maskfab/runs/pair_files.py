@@ -52,7 +52,9 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
     Raises:
         OutputError: MF401 if the folder cannot be written; MF402 if it holds anything else, or another set.
     """
-    plan, sheet = pairs.plan, json.dumps(pairs.datasheet, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # Other processes may stand elsewhere.
+    folder, plan = folder.resolve(), pairs.plan
+    sheet = json.dumps(pairs.datasheet, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     _check(folder, json.loads(sheet))
     shards = list(_shards(plan))
     missing = [shard for shard in shards if not _place(folder, shard).is_dir()]
@@ -168,6 +170,8 @@ def notes_of(sheet: Mapping[str, Any]) -> str:
         "`DIE.transfer.npy`: H at the frequencies of rfft2 of windows",
         f"rounding: {sheet['rounding']}",
         *(f"{name}: {of['pairs']} pairs of {of['photographs']} photographs" for name, of in sheet["splits"].items()),
+        f"each photograph gives up to {sheet['pairs_of_one_photograph']} pairs, at random places; the smallest holds "
+        f"{sheet['crops_side_by_side']} crops side by side",
         f"licence and sources of the photographs: {', '.join(sheet['photographs']['terms']) or 'not stated'}",
         *sheet["conditions"],
         *sheet["assumed"],

@@ -217,6 +217,7 @@ def test_the_data_sheet_names_what_nobody_stated(photos: Path, whole: Path, tmp_
     plain = mf.Plate.of({"WIDE": die("WIDE", 13)}, sections={"exposure": {"snr": [30], "brackets": [1, 4]}}).job(CAMERA)
     sheet = mf.pairs(plain, tmp_path, count=2, crop=32).datasheet
     assert sheet["photographs"]["terms"] == []
+    assert (sheet["pairs_of_one_photograph"], sheet["crops_side_by_side"]) == (2, (192 // 32) * (256 // 32))
     assert [text[:8] for text in sheet["assumed"][:2]] == ["assumed:"] * 2
     assert sheet["sensor"]["bits"] == 10
     assert "brackets of [exposure]" in sheet["unused"]
@@ -270,7 +271,10 @@ def test_folders_of_anything_else_are_refused(photos: Path, whole: Path, tmp_pat
         mf.simulate(JOB, crop=64)
 
 
-def test_the_command_line_writes_a_set(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_writes_a_set_to_a_relative_place(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     job = str(Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml")
     words = [
         "simulate",
@@ -280,7 +284,7 @@ def test_the_command_line_writes_a_set(photos: Path, tmp_path: Path, capsys: pyt
         "--images",
         str(photos),
         "--pairs",
-        str(tmp_path / "set"),
+        "set",
         "--crop",
         "64",
     ]
