@@ -6,6 +6,8 @@ goes on where it stood, to the same bytes. The table of pairs is written last: w
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
@@ -68,9 +70,13 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
         for file in terms(plan.sources[0].path.parent):
             write_bytes(folder / f"photographs-{file.name}", file.read_bytes())
         _write_psfs(pairs, folder / _PSFS)
+
+        def tell(done: int) -> None:
+            progress("pairs", sum(made[:done]), sum(made))
+
+        tell(0)
         with crew.executor(len(missing)) as executor:
-            calls = [Call(write_shard, partial(tuple, (plan, folder, shard))) for shard in missing]
-            executor.run_all(calls, lambda done: progress("pairs", sum(made[:done]), sum(made)))
+            executor.run_all([Call(write_shard, partial(tuple, (plan, folder, shard))) for shard in missing], tell)
         for shard in missing:
             if not _place(folder, shard).is_dir():
                 cure = "Give a folder that all workers of the cluster share, or leave the scheduler out"
@@ -80,9 +86,9 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
             for split, shard, numbers in shards
             for place, number in enumerate(numbers)
         ]
-        write_text(
-            folder / _TABLE, "".join(",".join(map(str, row)) + "\n" for row in (rows[0], *map(dict.values, rows)))
-        )
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows([rows[0], *(row.values() for row in rows)])
+        write_text(folder / _TABLE, text.getvalue())
     except OSError as error:
         raise files.not_writable(folder, error) from error
     return sum(made)
