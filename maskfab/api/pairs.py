@@ -19,7 +19,7 @@ from maskfab.base.work import Progress, one_thread
 from maskfab.base.workers import Workers
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, Transfer
-from maskfab.camera.pairs import SPLITS, PairDie, Pairs, Plan, Source, Wanted, Window, by_split
+from maskfab.camera.pairs import SPLITS, PairDie, Pairs, Plan, Source, Wanted, Window, by_split, light_of
 from maskfab.camera.scenes import beyond, picture_files
 from maskfab.camera.sensor import Exposure
 from maskfab.display.pictures import picture_shape
@@ -113,6 +113,10 @@ def prepared(
     order, splits = by_split([path.name for path in paths], wanted)
     every = [Source(path, sha256_of_file(path), picture_shape(path)) for path in paths]
     _check_apart(every)
+    for path in paths:
+        # Files of light alone can be of no use for what is in them.
+        if path.suffix.lower() in (".exr", ".hdr"):
+            light_of(path, wanted.white)
     sources = tuple(every[place] for place in order)
     window = Window.of(wanted.crop, sources, -(-wanted.count // len(sources)))
     transfers = dict[str, Transfer]()

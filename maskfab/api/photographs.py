@@ -44,7 +44,6 @@ from maskfab.findings.photographs import (
 )
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.job import Job
-from maskfab.runs.store import of_installation
 
 if TYPE_CHECKING:
     from maskfab.camera.learning import Checkpoint
@@ -148,7 +147,7 @@ def simulate(
     job: AnyJob, camera: Camera | None = None, *, pairs: str | Path, count: int, images: str | Path,
     die: str | Sequence[str] | None = ..., levels: Sequence[float] | None = ..., white: float | None = ...,
     seed: int | None = ..., crop: int | None = ..., bits: int | None = ..., validation: float | None = ...,
-    test: float | None = ..., workers: int | None = ..., scheduler: str | None = ..., progress: Progress = ...
+    test: float | None = ..., workers: int | None = ..., progress: Progress = ...
 ) -> PairSet: ...  # fmt: skip
 @overload
 def simulate(
@@ -183,7 +182,6 @@ def simulate(
     workers: Annotated[int | None, "1..1024"] = None,
     validation: InPython[float | None] = None,
     test: InPython[float | None] = None,
-    scheduler: InPython[str | None] = None,
     pictures: InPython[bool] = True,
     progress: Progress = silent,
 ) -> Simulation | PairSet:
@@ -223,7 +221,6 @@ def simulate(
         bits: bits of the camera's picture in pairs, 8 or 10; by default 8. RAW has those of [sensor].
         workers: processes that make pairs; by default as many as processors and memory bear. The files are the same.
         validation, test: shares of photographs whose pairs are not for training; by default 0.1 each.
-        scheduler: address of a Dask scheduler whose workers make pairs, if they see the same folders.
         pictures: keep part of the photographs of the first scene, by the last restorer, for notebooks and files.
         progress: told where the work stands.
 
@@ -243,10 +240,9 @@ def simulate(
             "checkpoints": checkpoints or None, "protocol": None if protocol == "camera" else protocol,
         }  # fmt: skip
         _refuse(others, "pairs", "leave pairs out")
-        crew = Workers(workers, scheduler, of_installation)
         planned = prepared(job, images, {**own, "white": white}, die, levels, camera)
-        return PairSet.written(planned, Path(pairs), crew, progress)
-    _refuse({**own, "workers": workers, "scheduler": scheduler}, "scores", "add pairs, a folder")
+        return PairSet.written(planned, Path(pairs), Workers(workers), progress)
+    _refuse({**own, "workers": workers}, "scores", "add pairs, a folder")
     conditions = partial(Conditions.of, protocol=protocol, levels=levels, light=light, brackets=brackets)
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
     asked = conditions(loaded)

@@ -45,6 +45,7 @@ from maskfab.optics.colour import code_of_light, light_of_code
 SPLITS = ("train", "validation", "test")
 _WIDEST, _SMALLEST = 1536, 32
 """Pixels along a side of a window, unless one crop needs more, and of the smallest crop."""
+_MANY = 4
 _MOST_LIGHT = 65504.0
 """In half precision."""
 
@@ -116,7 +117,8 @@ class Window:
 
     Attributes:
         margin: its rows and columns, and how many of them at each edge no crop reaches into.
-        groups: crops that share one window of a photograph: as many as would lie side by side in it.
+        groups: crops that share one window of a photograph: as many as would lie side by side in it, or of four or
+            more, which random places spread over it, twice as many.
     """
 
     margin: Margin
@@ -140,7 +142,7 @@ class Window:
             longer = _fast(2 * around + (along[axis] + 1) * crop)
             along[axis] += math.prod(along) < pairs_each and longer <= min(room[axis], _WIDEST)
         rows, columns = (min(_fast(2 * around + n * crop), side // 2 * 2) for n, side in zip(along, room, strict=True))
-        return cls(Margin((rows, columns), around), math.prod(along))
+        return cls(Margin((rows, columns), around), math.prod(along) * (2 if math.prod(along) >= _MANY else 1))
 
 
 def _fast(least: int) -> int:
@@ -261,7 +263,7 @@ class Pairs:
         plan = self.plan
         drawn, wanted = plan.drawn(self.numbers[place]), plan.wanted
         row = plan.row(drawn)
-        light, half = _light(plan.sources[drawn.source].path, wanted.white)
+        light, half = light_of(plan.sources[drawn.source].path, wanted.white)
         (top, left), (rows, columns), around = drawn.window, plan.window.margin.shape, plan.window.margin.width
         if self._kept is None or self._kept[0] != drawn.group:
             part = light[:, top : top + rows, left : left + columns]
@@ -310,7 +312,7 @@ def _curve(most: int, light: float, bits: int) -> NDArray[np.unsignedinteger[Any
 
 
 @lru_cache(maxsize=1)
-def _light(path: Path, white: float | None) -> tuple[Singles, NDArray[np.float16]]:
+def light_of(path: Path, white: float | None) -> tuple[Singles, NDArray[np.float16]]:
     """Linear light of the photograph that was looked at last, [3, rows, columns], white is 1; and in half precision."""
     picture = read_picture(path)
     colours = checked_pixels(path, picture, white)

@@ -260,6 +260,9 @@ def test_folders_of_anything_else_are_refused(photos: Path, whole: Path, tmp_pat
     assert "MF401" in refusal(pairs=tmp_path / "mine.txt")
     (tmp_path / "none").mkdir()
     assert "MF301" in refusal(images=tmp_path / "none")
+    write_exr(np.full((3, 400, 400), 3.0), tmp_path / "none" / "bright.exr", {})
+    assert "light that is white" in refusal(images=tmp_path / "none", pairs=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
     twice = tmp_path / "twice"
     twice.mkdir()
     for name in ("a.png", "b.png"):
