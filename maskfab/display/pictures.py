@@ -74,6 +74,7 @@ def picture_shape(path: Path) -> tuple[int, int]:
     image = _found(path, str(path))
     spec = image.spec()
     image.close()
+    _readable(spec, str(path))
     shape = spec.height, spec.width
     return shape[::-1] if spec.get_int_attribute("Orientation", 1) in _LYING else shape
 
@@ -115,17 +116,7 @@ def _of_image(image: Any, where: str) -> Picture:
 
     try:
         spec = image.spec()
-        if spec.width < 1 or spec.height < 1:
-            raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
-        if spec.depth > 1:
-            raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
-        if spec.nchannels > MOST_CHANNELS:
-            what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
-            raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
-        if spec.width * spec.height > LARGEST:
-            what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
-            raise JobError("MF121", what, where=where, cure="Scale the picture down")
-        channels = _channels(spec, where)
+        channels = _readable(spec, where)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -136,6 +127,21 @@ def _of_image(image: Any, where: str) -> Picture:
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
     iso = float(spec.get_int_attribute("Exif:PhotographicSensitivity")) or None
     return Picture(values[:, :, channels], str(spec.format) not in _FLOATS, associated, where, iso)
+
+
+def _readable(spec: Any, where: str) -> list[int]:
+    """The channels of a picture that are read, if its header promises one."""
+    if spec.width < 1 or spec.height < 1:
+        raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
+    if spec.depth > 1:
+        raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
+    if spec.nchannels > MOST_CHANNELS:
+        what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
+        raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
+    if spec.width * spec.height > LARGEST:
+        what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
+        raise JobError("MF121", what, where=where, cure="Scale the picture down")
+    return _channels(spec, where)
 
 
 _FLOATS = ("half", "float", "double")
