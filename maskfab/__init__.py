@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from maskfab.api.measuring import measure as measure
     from maskfab.api.opening import Opening as Opening
     from maskfab.api.opening import read_opening as read_opening
+    from maskfab.api.pairs import pairs as pairs
     from maskfab.api.panel import Panel as Panel
     from maskfab.api.photographs import learn as learn
     from maskfab.api.photographs import simulate as simulate

@@ -7,30 +7,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.api.asked import AnyJob, dies_of, given_folder, laid_out
 from maskfab.api.camera import Camera
+from maskfab.api.pairs import PairSet, prepared
 from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.folders import check_file, write_bytes
-from maskfab.base.model import Panel
 from maskfab.base.work import Clock, Progress, one_thread, silent
+from maskfab.base.workers import Workers
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera import scenes as surroundings
 from maskfab.camera.die_transfer import by_sentence
-from maskfab.camera.imaging import LARGE, Design
+from maskfab.camera.imaging import LARGE
 from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.record import Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import Folder, Photograph
 from maskfab.camera.scores import CONFIDENCE, Crop, Score, ScoreTable, Shot, truth_of
-from maskfab.camera.stop_cells import camera_line
 from maskfab.findings.photographs import (
     LEARNED,
     Conditions,
@@ -142,6 +142,21 @@ class Simulation(Result):
         return self.picture() if self.shown else None
 
 
+@overload
+def simulate(
+    job: AnyJob, camera: Camera | None = None, *, pairs: str | Path, count: int, images: str | Path,
+    die: str | Sequence[str] | None = ..., levels: Sequence[float] | None = ..., white: float | None = ...,
+    seed: int | None = ..., crop: int | None = ..., bits: int | None = ..., validation: float | None = ...,
+    test: float | None = ..., workers: int | None = ..., progress: Progress = ...
+) -> PairSet: ...  # fmt: skip
+@overload
+def simulate(
+    job: AnyJob, camera: Camera | None = None, *, die: str | Sequence[str] | None = ..., reference: str | None = ...,
+    images: str | Path | None = ..., white: float | None = ..., whole: bool = ..., protocol: ProtocolName = ...,
+    light: Light | None = ..., levels: Sequence[float] | None = ..., brackets: Sequence[float] | None = ...,
+    restore: str | Sequence[str] | None = ..., checkpoints: Sequence[str | Path] = ..., pictures: bool = ...,
+    progress: Progress = ...
+) -> Simulation: ...  # fmt: skip
 @checked_arguments
 @one_thread
 def simulate(
@@ -159,14 +174,26 @@ def simulate(
     brackets: Sequence[float] | None = None,
     restore: str | Sequence[str] | None = None,
     checkpoints: Sequence[str | Path] = (),
+    pairs: Annotated[str | Path | None, "FOLDER"] = None,
+    count: int | None = None,
+    seed: int | None = None,
+    crop: Annotated[int | None, "PIXELS"] = None,
+    bits: int | None = None,
+    workers: Annotated[int | None, "1..1024"] = None,
+    validation: InPython[float | None] = None,
+    test: InPython[float | None] = None,
     pictures: InPython[bool] = True,
     progress: Progress = silent,
-) -> Simulation:
+) -> Simulation | PairSet:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference.
+
+    With pairs, write crops as they are and as the camera takes them, to train restorers on; cut off, the command goes
+    on where it stood.
 
     Examples:
         $ maskfab simulate layouts/upc12.toml --die TOLED_P150 --die PINV_R150
         $ maskfab simulate job.toml --images photographs --reference TOLED_P150 --json
+        $ maskfab simulate job.toml --images photographs --pairs build/pairs --count 10000
 
     Args:
         job: job file (.toml).
@@ -187,6 +214,13 @@ def simulate(
         restore: restorer: wiener, dct+wiener, gradient, dct+gradient or tv; by default wiener or the protocol's own.
             With auto the one for each photograph that its record speaks for, of those named beside it or of all.
         checkpoints: file of maskfab learn, one for each die: one more restorer, learned, beside those named.
+        pairs: folder to write pairs into, of the photographs of images; one that holds a part of them is completed.
+        count: number of pairs in all; it must be stated with pairs.
+        seed: seed of the crops, dies, light, noise and splits of pairs; by default 0.
+        crop: pixels along a side of pairs; by default 256.
+        bits: bits of the camera's picture in pairs, 8 or 10; by default 8. RAW has those of [sensor].
+        workers: processes that make pairs; by default as many as processors and memory bear. The files are the same.
+        validation, test: shares of photographs whose pairs are not for training; by default 0.1 each.
         pictures: keep part of the photographs of the first scene, by the last restorer, for notebooks and files.
         progress: told where the work stands.
 
@@ -197,6 +231,18 @@ def simulate(
             MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
         SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
     """
+    own: dict[str, Any] = {
+        "count": count, "seed": seed, "crop": crop, "bits": bits, "validation": validation, "test": test,
+    }  # fmt: skip
+    if pairs is not None:
+        others = {
+            "reference": reference, "whole": whole or None, "light": light, "brackets": brackets, "restore": restore,
+            "checkpoints": checkpoints or None, "protocol": None if protocol == "camera" else protocol,
+        }  # fmt: skip
+        _refuse(others, "pairs", "leave pairs out")
+        planned = prepared(job, images, {**own, "white": white}, die, levels, camera)
+        return PairSet.written(planned, Path(pairs), Workers(workers), progress)
+    _refuse({**own, "workers": workers}, "scores", "add pairs, a folder")
     conditions = partial(Conditions.of, protocol=protocol, levels=levels, light=light, brackets=brackets)
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
     asked = conditions(loaded)
@@ -212,7 +258,8 @@ def simulate(
     if reference is not None:
         dies_of(reference, wanted)
     # The dies are looked at last, for that takes longest.
-    ready, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
+    chosen = {name: panels[name] for name in wanted}
+    ready, refused = asked.designs(loaded, chosen, lambda *one: one, named=bool(die))
     designs = [design for design, _ in ready]
     dies = [one.name for one in designs]
     learned = learned_restorers(trained, loaded, asked, designs)
@@ -251,12 +298,21 @@ def simulate(
 @answers(simulate)
 def _simulate(asked: Asked) -> Told:
     """Pictures are kept where they are saved."""
+    if "pairs" in asked.stated:
+        _refuse({"out": asked.out, "force": asked.force or None}, "pairs", "leave pairs out")
     if asked.out is None:
         return Told.of(asked.found(pictures=False))
     check_file(asked.out, force=asked.force)
     simulation = asked.found()
     simulation.save(asked.out, force=asked.force)
     return Told.of(simulation)
+
+
+def _refuse(stated: Mapping[str, object], made: str, asked: str) -> None:
+    """Refuse whatever is stated and has no meaning for what is made."""
+    for key, value in stated.items():
+        if value is not None:
+            raise JobError("MF105", f"{key} does not apply to {made}", where=key, cure=f"Leave {key} out, or {asked}")
 
 
 def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:
@@ -284,26 +340,6 @@ def _restorers(
         raise JobError("MF105", "no checkpoint holds the restorer learned", where="restore", cure=cure)
     others = tuple(name for name in given if name != LEARNED)
     return asked.restorers(others) if others else ((), False)
-
-
-def _designs(
-    job: Job, asked: Conditions, panels: Mapping[str, Panel], *, named: bool
-) -> tuple[list[tuple[Design, tuple[str, ...]]], dict[str, JobError]]:
-    """Dies as they are photographed, with sentences on what is left out; and why others cannot be."""
-    ready, refused = [], dict[str, JobError]()
-    for name, panel in panels.items():
-        try:
-            ready.append(asked.design(name, panel, Surroundings.of(job)))
-        except JobError as refusal:
-            refused[name] = refusal
-            if named:
-                raise
-    if not ready:
-        if len({refusal.code for refusal in refused.values()}) == 1:
-            raise next(iter(refused.values()))
-        what = f"no die can be judged behind a camera of {camera_line(asked.camera)}"
-        raise JobError("MF122", what, where=job.where, cure="Name one die to see why")
-    return ready, refused
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -38,7 +38,7 @@ from maskfab.mask.formats.exr import PREFIX, Channels, read_channels
 from maskfab.optics.psf import pixel_psf
 
 HOLDS = "fitted_psf"
-"""Entry of the header by which the PSF of a fitted die is known."""
+"""Entry of the header by which the PSF of a fitted die is known, or of one as designed, as the entry ``made`` says."""
 _CURE = "Give an EXR file of a point spread function"
 _BORDER = 0.04
 """Share of a capture's side, at each edge, whose median is its background."""
@@ -204,7 +204,8 @@ def _of_fit(channels: Channels, path: Path) -> MeasuredBlur:
     kernels = channels.values[order]
     outside = 1 - kernels.sum(axis=(1, 2))
     rows, columns = kernels.shape[1:]
-    sentences = [f"PSF of die {channels.facts['die']} as fitted to a capture, {columns} x {rows} pixels"]
+    made = channels.facts.get("made", "as fitted to a capture")
+    sentences = [f"PSF of die {channels.facts['die']} {made}, {columns} x {rows} pixels"]
     pixel_um = float(channels.facts["sensor_pixel_um"])
     return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), sentences, pixel_um, outside=outside)
 

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -40,13 +40,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.camera.imaging import Blur, Transfer
 
-_GREEN = np.array([[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]) / 8
-_ALONG = np.array([[0, 0, 0.5, 0, 0], [0, -1, 0, -1, 0], [-1, 4, 5, 4, -1], [0, -1, 0, -1, 0], [0, 0, 0.5, 0, 0]]) / 8
-_ACROSS = (
-    np.array([[0, 0, -1.5, 0, 0], [0, 2, 0, 2, 0], [-1.5, 0, 6, 0, -1.5], [0, 2, 0, 2, 0], [0, 0, -1.5, 0, 0]]) / 8
-)
 _RED, _BLUE = (slice(0, None, 2), slice(0, None, 2)), (slice(1, None, 2), slice(1, None, 2))
-_ON_RED_ROWS, _ON_BLUE_ROWS = (slice(0, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(0, None, 2))
 
 
 def sampled(light: Singles) -> Singles:
@@ -67,21 +61,31 @@ def interpolated(seen: Singles, red: tuple[int, int] = (0, 0)) -> Singles:
     turned = tuple(axis for axis in (0, 1) if red[axis])
     seen = np.flip(seen, turned)
     # Mirroring without doubling the edge keeps every colour on its own places.
-    green, along, across, down = (
-        scipy.ndimage.correlate(seen, kernel.astype(np.float32), mode="mirror")
-        for kernel in (_GREEN, _ALONG, _ACROSS, _ALONG.T)
-    )
-    colours = np.stack([seen, seen, seen])
-    for place in (_RED, _BLUE):
-        colours[1][place] = green[place]
-    for colour, other, beside, above in (
-        (0, _BLUE, _ON_RED_ROWS, _ON_BLUE_ROWS),
-        (2, _RED, _ON_BLUE_ROWS, _ON_RED_ROWS),
-    ):
-        colours[colour][other] = across[other]
-        colours[colour][beside] = along[beside]
-        colours[colour][above] = down[above]
+    wide = np.pad(seen, 2, mode="reflect")
+    alike = {(y, x): np.ascontiguousarray(wide[y::2, x::2]) for y in (0, 1) for x in (0, 1)}
+    colours, sixteen = np.empty((3, *seen.shape), dtype=seen.dtype), np.float32(16)
+    for (y, x), colour in {(0, 0): 0, (0, 1): 1, (1, 0): 1, (1, 1): 2}.items():
+        size = (seen.shape[0] - y + 1) // 2, (seen.shape[1] - x + 1) // 2
+        moved = partial(_moved, alike, (y + 2, x + 2), size)
+        here, beside, above = moved(0, 0), moved(0, -1) + moved(0, 1), moved(-1, 0) + moved(1, 0)
+        across, down = moved(0, -2) + moved(0, 2), moved(-2, 0) + moved(2, 0)
+        corners = moved(-1, -1) + moved(-1, 1) + moved(1, -1) + moved(1, 1)
+        colours[colour, y::2, x::2] = here
+        if colour == 1:
+            colours[2 * y, y::2, x::2] = (10 * here + 8 * beside - 2 * (corners + across) + down) / sixteen
+            colours[2 - 2 * y, y::2, x::2] = (10 * here + 8 * above - 2 * (corners + down) + across) / sixteen
+        else:
+            colours[1, y::2, x::2] = (8 * here + 4 * (beside + above) - 2 * (across + down)) / sixteen
+            colours[2 - colour, y::2, x::2] = (12 * here + 4 * corners - 3 * (across + down)) / sixteen
     return np.flip(colours, tuple(axis + 1 for axis in turned))
+
+
+def _moved(
+    alike: dict[tuple[int, int], Singles], start: tuple[int, int], size: tuple[int, int], down: int, right: int
+) -> Singles:
+    """Neighbours of every second pixel from a start on; the pixels are apart by their places in two by two."""
+    (top, y), (left, x) = divmod(start[0] + down, 2), divmod(start[1] + right, 2)
+    return alike[y, x][top : top + size[0], left : left + size[1]]
 
 
 @dataclass(frozen=True)

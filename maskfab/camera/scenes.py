@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.camera.imaging import MARGIN, Blur, Design, Margin, RestoredBy
-from maskfab.display.pictures import read_picture
+from maskfab.display.pictures import Picture, read_picture
 from maskfab.optics.colour import code_of_light, light_of_code
 
 SHORT, LONG = 1024, 1536
@@ -199,12 +199,7 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
             more than 60 million pixels together.
     """
     where = Path(path)
-    shown = sorted(file for file in where.iterdir() if file.name[0] != ".") if os.path.isdir(where) else []
-    files = [file for file in shown if file.suffix.lower() in _SUFFIXES]
-    if not files:
-        kinds = ", ".join(suffix[1:].upper() for suffix in _SUFFIXES)
-        raise SourceError("MF301", f"there are no photographs in {where}", cure=f"Give a folder of {kinds} files")
-    skipped = tuple(file.name for file in shown if file not in files)
+    files, skipped = picture_files(where)
     photographs: list[Photograph] = []
     pixels = 0
     for file in files:
@@ -220,6 +215,23 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
             cure = "Give fewer photographs at a time, or photograph their middle"
             raise JobError("MF142", what, where=str(where), cure=cure)
     return Folder(tuple(photographs), skipped)
+
+
+def picture_files(folder: Path) -> tuple[list[Path], tuple[str, ...]]:
+    """Photographs of a folder by their suffix, and names of what else there is; MF301 if there are none."""
+    shown = sorted(file for file in folder.iterdir() if file.name[0] != ".") if os.path.isdir(folder) else []
+    files = [file for file in shown if file.suffix.lower() in _SUFFIXES]
+    if not files:
+        kinds = ", ".join(suffix[1:].upper() for suffix in _SUFFIXES)
+        raise SourceError("MF301", f"there are no photographs in {folder}", cure=f"Give a folder of {kinds} files")
+    return files, tuple(file.name for file in shown if file not in files)
+
+
+def checked_pixels(file: Path, picture: Picture, white: float | None) -> Singles:
+    """Colours of a photograph, [rows, columns, 1 or 3]; errors as :func:`scene`, but for its size."""
+    colours = opaque(picture.values, file)
+    _require_light(str(file), colours, coded=picture.coded, white=white)
+    return colours
 
 
 def opaque(values: Singles, file: Path) -> Singles:

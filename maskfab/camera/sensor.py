@@ -56,6 +56,37 @@ def record_light(
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     draw = np.random.default_rng(seed)
     plane = light if sensor.mosaic == "none" else sampled(light)
+    full = np.float32(sensor.full_well)
+    if sensor.bits is None:
+        counted = _counted(sensor, plane, electrons, draw)
+    else:
+        counted = read_codes(sensor, plane, electrons, draw)
+        counted *= np.float32(sensor.step)
+        full = np.float32(2**sensor.bits - 1 - sensor.black_level) * np.float32(sensor.step)
+    counted /= np.float32(electrons)
+    values = counted if sensor.mosaic == "none" else interpolated(counted)
+    # As it was rounded for the pixels, or none would be found clipped.
+    ceiling = float(full / np.float32(electrons))
+    dark = math.sqrt(sensor.early_variance) if sensor.banding else sensor.read_noise
+    return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
+
+
+def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
+    """Codes that the converter of an amplified sensor gives of light, less the black level: whole numbers.
+
+    Args:
+        plane: light on the pixels in units of white, [..., rows, columns].
+        electrons: of white.
+    """
+    assert sensor.bits is not None
+    counted = _counted(sensor, plane, electrons, draw)
+    counted /= np.float32(sensor.step)
+    np.rint(counted, out=counted)
+    return np.clip(counted, -sensor.black_level, 2**sensor.bits - 1 - sensor.black_level, out=counted)
+
+
+def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
+    """Electrons with their noise, cut at a full well."""
     counted: Singles = np.empty(plane.shape, dtype=np.float32)
     seen, flat = plane.ravel(), counted.reshape(-1)
     parts = [slice(start, min(start + _AT_ONCE, seen.size)) for start in range(0, seen.size, _AT_ONCE)]
@@ -69,19 +100,7 @@ def record_light(
         flat[part] += np.float32(sensor.read_noise) * noise
     if sensor.banding:
         counted += np.float32(sensor.banding) * draw.standard_normal((counted.shape[-2], 1), dtype=np.float32)
-    full = np.float32(sensor.full_well)
-    np.minimum(counted, full, out=counted)
-    if sensor.bits is not None:
-        step, codes = np.float32(sensor.step), 2**sensor.bits - 1 - sensor.black_level
-        np.clip(np.rint(counted / step), -sensor.black_level, codes, out=counted)
-        counted *= step
-        full = np.float32(codes) * step
-    counted /= np.float32(electrons)
-    values = counted if sensor.mosaic == "none" else interpolated(counted)
-    # As it was rounded for the pixels, or none would be found clipped.
-    ceiling = float(full / np.float32(electrons))
-    dark = math.sqrt(sensor.early_variance) if sensor.banding else sensor.read_noise
-    return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
+    return np.minimum(counted, np.float32(sensor.full_well), out=counted)
 
 
 _AT_ONCE = 1 << 16

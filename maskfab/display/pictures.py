@@ -57,11 +57,7 @@ def read_picture(path: str | Path, *, upright: bool = True) -> Picture:
     """
     path = Path(path)
     where = str(path)
-    if not os.path.isfile(path):
-        raise SourceError("MF301", no_file(path, where), cure="Give the path of a picture")
-    if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
-    image = _opened(path, where)
+    image = _found(path, where)
     orientation = image.spec().get_int_attribute("Orientation", 1)
     if image.format_name() != "tiff":
         picture = _of_image(image, where)
@@ -73,12 +69,33 @@ def read_picture(path: str | Path, *, upright: bool = True) -> Picture:
     return replace(picture, values=_turned(picture.values, orientation)) if upright else picture
 
 
+def picture_shape(path: Path) -> tuple[int, int]:
+    """Rows and columns of a picture as it is seen, by its header; errors as :func:`read_picture`, if it tells."""
+    image = _found(path, str(path))
+    spec = image.spec()
+    image.close()
+    _readable(spec, str(path))
+    shape = spec.height, spec.width
+    return shape[::-1] if spec.get_int_attribute("Orientation", 1) in _LYING else shape
+
+
+_LYING = (5, 6, 7, 8)
+
+
 def _turned(values: Singles, orientation: int) -> Singles:
     """Pixels [rows, columns, ...] as they are seen, of the tag Orientation of TIFF 6.0 and EXIF."""
-    if orientation in (5, 6, 7, 8):
+    if orientation in _LYING:
         values = values.swapaxes(0, 1)
     down, across = orientation in (3, 4, 7, 8), orientation in (2, 3, 6, 7)
     return np.ascontiguousarray(values[:: -1 if down else 1, :: -1 if across else 1])
+
+
+def _found(path: Path, where: str) -> Any:
+    if not os.path.isfile(path):
+        raise SourceError("MF301", no_file(path, where), cure="Give the path of a picture")
+    if path.stat().st_size == 0:
+        raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
+    return _opened(path, where)
 
 
 def _opened(path: Path, where: str) -> Any:
@@ -99,17 +116,7 @@ def _of_image(image: Any, where: str) -> Picture:
 
     try:
         spec = image.spec()
-        if spec.width < 1 or spec.height < 1:
-            raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
-        if spec.depth > 1:
-            raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
-        if spec.nchannels > MOST_CHANNELS:
-            what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
-            raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
-        if spec.width * spec.height > LARGEST:
-            what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
-            raise JobError("MF121", what, where=where, cure="Scale the picture down")
-        channels = _channels(spec, where)
+        channels = _readable(spec, where)
         pixels = image.read_image(oiio.FLOAT)
         problem = said_by(image)
     finally:
@@ -120,6 +127,21 @@ def _of_image(image: Any, where: str) -> Picture:
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
     iso = float(spec.get_int_attribute("Exif:PhotographicSensitivity")) or None
     return Picture(values[:, :, channels], str(spec.format) not in _FLOATS, associated, where, iso)
+
+
+def _readable(spec: Any, where: str) -> list[int]:
+    """The channels of a picture that are read, if its header promises one."""
+    if spec.width < 1 or spec.height < 1:
+        raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
+    if spec.depth > 1:
+        raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
+    if spec.nchannels > MOST_CHANNELS:
+        what = f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}"
+        raise JobError("MF121", what, where=where, cure="Save it as grey or as red, green and blue")
+    if spec.width * spec.height > LARGEST:
+        what = f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million"
+        raise JobError("MF121", what, where=where, cure="Scale the picture down")
+    return _channels(spec, where)
 
 
 _FLOATS = ("half", "float", "double")

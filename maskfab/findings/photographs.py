@@ -6,11 +6,11 @@ against the conditions that they were learned under.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 ProtocolName = Literal["camera", "f1", "paper"]
 Light = Literal["linear", "code"]
+Taken = TypeVar("Taken")
 
 _FIXED = {"f1": F1, "paper": PAPER}
 _ELSEWHERE = tuple(set(JobSpec.model_fields) - {"camera", "sensor", "exposure", "scene", "process"})
@@ -171,6 +172,29 @@ class Conditions:
         seen: DieTransfer = die_transfer(name, panel, self.camera, scene, chosen)
         notes = left_out(panel, scene, around.blank, chosen)
         return (OverField(seen, chosen) if chosen.choice.places > 1 else seen), notes
+
+    def designs(
+        self, job: Job, panels: Mapping[str, Panel], take: Callable[[Design, tuple[str, ...]], Taken], *, named: bool
+    ) -> tuple[list[Taken], dict[str, JobError]]:
+        """All that is made of each die and its sentences, one after the other; and why others cannot be photographed.
+
+        Raises:
+            JobError: that of a die that is named; MF122, or what all have in common, if none can be judged.
+        """
+        ready, refused = list[Taken](), dict[str, JobError]()
+        for name, panel in panels.items():
+            try:
+                ready.append(take(*self.design(name, panel, Surroundings.of(job))))
+            except JobError as refusal:
+                refused[name] = refusal
+                if named:
+                    raise
+        if not ready:
+            if len({refusal.code for refusal in refused.values()}) == 1:
+                raise next(iter(refused.values()))
+            what = f"no die can be judged behind a camera of {camera_line(self.camera)}"
+            raise JobError("MF122", what, where=job.where, cure="Name one die to see why")
+        return ready, refused
 
     @property
     def lines(self) -> tuple[str, ...]:
