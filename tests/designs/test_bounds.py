@@ -15,8 +15,9 @@ from scipy.ndimage import gaussian_filter
 from maskfab.base.errors import JobError, OpeningError
 from maskfab.designs.model.duals import (
     ResidueDual,
-    dual_tables,
+    cost_at,
     least_refined,
+    nodes_to,
     residue_classes,
     residue_errors,
     residues,
@@ -109,8 +110,14 @@ def test_dear_bounds_are_found_only_where_they_decide(pairs):
     assert all(rough[place] <= min(max(pair) for pair in pairs) for place in asked)
 
 
+def of_epsilon(inner, epsilon, level, ratio=RATIO):
+    """Nodes, and the cost of every lag with one filter."""
+    nodes = nodes_to(1.0, ratio)
+    return nodes, cost_at(nodes, inner, inner.noise.variance(level, ratio), ratio, epsilon * inner.inverse_prior)
+
+
 def found_in_full(nodes, cost, classes, ratio, *, periodic):
-    dual = ResidueDual.of(nodes, cost, classes, ratio, periodic=periodic)
+    dual = ResidueDual.of(nodes, [cost], classes, ratio, periodic=periodic)
     return dual.refined(*dual.of_mean())[0]
 
 
@@ -119,9 +126,10 @@ def test_least_over_every_filter_is_that_of_all_found_in_full(periodic):
     inner = interior(surrogate([leaves(1)], 7, dot_nm=24_000))
     classes, ratio = residues(inner, periodic=periodic), 12 / 49
     variance = inner.noise.variance(32, ratio)
-    tables = [dual_tables(inner, epsilon, ratio) for epsilon in inner.strengths]
-    full = [found_in_full(each.nodes, each.cost(variance), classes, ratio, periodic=periodic) for each in tables]
-    assert residue_errors(inner, classes, ratio, [variance], periodic=periodic) == [min(full)]
+    costs = [of_epsilon(inner, epsilon, 32, ratio) for epsilon in inner.strengths]
+    full = [found_in_full(*each, classes, ratio, periodic=periodic) for each in costs]
+    found = residue_errors(inner, classes, ratio, [variance], periodic=periodic)
+    assert found == pytest.approx([min(full)], rel=1e-9)
 
 
 def test_bounds_are_in_order(bounded):
@@ -159,8 +167,7 @@ def test_every_node_table_lies_below_the_cost_between_its_nodes(inner):
         if epsilon is None:
             nodes, cost = wiener_cost(inner, variance, RATIO)
         else:
-            table = dual_tables(inner, epsilon, RATIO)
-            nodes, cost = table.nodes, table.cost(variance)
+            nodes, cost = of_epsilon(inner, epsilon, 32)
         for s in share:
             between = nodes[:-1] + s * np.diff(nodes)
             h = (inner.stop * inner.pixel)[few, None] * between + (RATIO * inner.folded)[few, None]
@@ -194,8 +201,10 @@ def test_best_filter_at_each_frequency_is_no_worse_than_any_of_the_protocol(inne
             assert (best <= of_filter(inner, h, variance, epsilon * inner.inverse_prior) * (1 + 1e-12)).all()
     classes = residues(inner, periodic=False)
     found = [
-        ResidueDual.of(*wiener_cost(each, variance, RATIO), classes, RATIO, periodic=False).of_mean()[0]
-        for each in (replace(inner, strengths=(1e-9, 1e9)), inner)
+        ResidueDual.of(nodes, [cost], classes, RATIO, periodic=False).of_mean()[0]
+        for nodes, cost in (
+            wiener_cost(each, variance, RATIO) for each in (replace(inner, strengths=(1e-9, 1e9)), inner)
+        )
     ]
     assert found[0] <= found[1] * (1 + 1e-5)
     # In bright light the least ε holds back more than the Wiener filter would.
@@ -203,11 +212,10 @@ def test_best_filter_at_each_frequency_is_no_worse_than_any_of_the_protocol(inne
 
 
 def test_constraints_only_tighten_the_dual(inner):
-    table = dual_tables(inner, 0.02, RATIO)
-    cost = table.cost(inner.noise.variance(32, RATIO))
+    nodes, cost = of_epsilon(inner, 0.02, 32)
     classes = residues(inner, periodic=False)
-    rough = ResidueDual.of(table.nodes, cost, classes, RATIO, periodic=False).of_mean()[0]
-    assert rough <= found_in_full(table.nodes, cost, classes, RATIO, periodic=False)
+    rough = ResidueDual.of(nodes, [cost], classes, RATIO, periodic=False).of_mean()[0]
+    assert rough <= found_in_full(nodes, cost, classes, RATIO, periodic=False)
 
 
 def test_classes_are_alike_under_the_symmetry_of_the_square():
@@ -220,10 +228,9 @@ def test_classes_are_alike_under_the_symmetry_of_the_square():
 def test_more_clear_dots_allow_more(inner):
     found = []
     for clear in (40, 88, 100, 200):
-        table = dual_tables(inner, 0.02, clear / DOTS**2)
-        cost = table.cost(inner.noise.variance(32, clear / DOTS**2))
+        nodes, cost = of_epsilon(inner, 0.02, 32, clear / DOTS**2)
         classes = residues(inner, periodic=True)
-        found.append(ResidueDual.of(table.nodes, cost, classes, clear / DOTS**2, periodic=True).of_mean()[0])
+        found.append(ResidueDual.of(nodes, [cost], classes, clear / DOTS**2, periodic=True).of_mean()[0])
     assert found == sorted(found, reverse=True)
     around = rings(DOTS)
     areas = [auc_bound(around, clear, periodic=True) for clear in (1, 40, 88, 100, 441)]

@@ -31,12 +31,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.camera.stop_cells import CellGrid
-from maskfab.designs.model.panel_judgement import PanelError, Slope
+from maskfab.designs.model.panel_judgement import PanelError, Slope, parted
 from maskfab.designs.rules.families import turned_key
 from maskfab.mask.opening_masks import closed
 from maskfab.mask.panels import Shift, shifted
@@ -178,7 +178,7 @@ def design_map(
         stack = np.stack([shifted(stack[0], shift) for shift in places_used])
     else:
         places_used = ()
-    search = _Search(stack, error, mode, target, math.inf if steps is None else steps, clock or NO_END, holds)
+    search = _Search(stack, error.of_steps, mode, target, math.inf if steps is None else steps, clock or NO_END, holds)
     draw = np.random.default_rng([seed, 1])
     if keep_units:
         search.bar(drawn)
@@ -259,7 +259,7 @@ def _placed(
     first, *rest = places(unit)
     candidates = (first, *(shift for shift in rest if allows(shifted(unit, shift))))
     stack = np.stack([shifted(unit, shift) for shift in candidates])
-    search = _Search(stack, error, mode, float(error.laid(unit, drawn).sum()))
+    search = _Search(stack, error.of_steps, mode, float(error.laid(unit, drawn).sum()))
     state = search.fresh(drawn.ravel().astype(np.int64))
     worth = state.turns + search.price(state) * search.change(state.chosen)
     best = worth.reshape(len(worth), len(candidates), ORIENTATIONS).min(axis=2)
@@ -355,11 +355,14 @@ class _Search:
         self.light = self.inside @ self.flat.T
         self.live = np.flatnonzero(self.inside.any(axis=1))
         self.cut = np.flatnonzero(self.inside.any(axis=1) & ~self.inside.all(axis=1))
-        self.rim = (self.flat * self.inside[self.cut, None]).astype(np.float32)
+        # Dots of a cell that no lag in question parts from one another lie together.
+        self.parted = _parted(self.flat, dots, error.stride)
+        self.rim = _parted(self.flat * self.inside[self.cut, None], dots, error.stride)
         self.target, self.steps, self.clock, self.holds = target, steps, clock, holds
         self.history: list[float] = []
         self.barred = np.zeros(self.light.shape, dtype=np.bool_)
-        y, x = np.divmod(np.arange(dots * dots), dots)
+        across = -(-dots // error.stride)
+        y, x = error.stride * np.stack(np.divmod(np.arange(across * across), across))
         self.apart = (y[:, None] - y + dots - 1, x[:, None] - x + dots - 1)
 
     @property
@@ -456,8 +459,8 @@ class _Search:
         """Change by turning every cell to every kind, [cells, kinds], dB; 0 for its present one."""
         linear = (_by_cell(slope.field, self.error.dots) * self.inside) @ self.flat.T
         pairs = slope.near.astype(np.float32)[self.apart]
-        flat = self.flat.astype(np.float32)
-        whole = flat @ pairs @ flat.T
+        kinds = len(self.flat)
+        whole = (self.parted.reshape(-1, len(pairs)) @ pairs).reshape(kinds, -1) @ self.parted.reshape(kinds, -1).T
         turns = linear - np.take_along_axis(linear, chosen[:, None], axis=1)
         alone = np.diag(whole)
         turns += alone + alone[chosen, None] - 2 * whole[chosen]
@@ -524,3 +527,9 @@ def _best(worth: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def _by_cell(values: NDArray[Scalar], dots: int) -> NDArray[Scalar]:
     """[side, side] as [cells, dots²]."""
     return split_cells(values, dots, dots).reshape(-1, dots * dots)
+
+
+def _parted(flat: Floats, dots: int, stride: int) -> Singles:
+    """Patterns [.., dots²] by the parts of :func:`maskfab.designs.model.panel_judgement.parted`, one after another."""
+    parts = parted(flat.astype(np.float32).reshape(*flat.shape[:-1], dots, dots), stride)
+    return parts.reshape(*flat.shape[:-1], -1)

@@ -433,14 +433,15 @@ def biased_table(error: PupilError, picture: Mask, bias_um: float) -> Singles:
     share = {-1: strip, 0: 1 - 2 * strip, 1: strip}
     grown = picture if bias_um > 0 else ~picture
     around = np.pad(grown, 1, mode="edge")
-    total = np.zeros(1)
-    for down, left in product(share, repeat=2):
+    places = list(product(share, repeat=2))
+
+    def part(down: int, left: int) -> Mask:
         # A strip is taken over by what lies beside it.
         rows = around[1 : 1 + len(grown)] | around[1 - down : 1 - down + len(grown)]
-        part = rows[:, 1:-1] | rows[:, 1 - left : 1 - left + grown.shape[1]]
-        part = part if bias_um > 0 else ~part
-        total = total + share[down] * share[left] * error.table(part & error.inside).astype(np.float64)
-    return np.asarray(total, dtype=np.float32)
+        taken = rows[:, 1:-1] | rows[:, 1 - left : 1 - left + grown.shape[1]]
+        return np.asarray((taken if bias_um > 0 else ~taken) & error.inside)
+
+    return error.mean_table((part(*place) for place in places), [share[down] * share[left] for down, left in places])
 
 
 def laid_picture(units: Mask, kinds: NDArray[np.integer]) -> Mask:

@@ -29,7 +29,7 @@ Notes:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +39,11 @@ from scipy import optimize, sparse
 from maskfab.base.arrays import Floats
 from maskfab.designs.model.expected_psnr import Interior
 
-_NODES = 64
+_NODES, _FEW_NODES = 64, 20
+"""At which the cost of a lag is told, and at which the ε are told apart that cannot be the best."""
+_ROUNDING = 1e-12
+_TOGETHER = 1024
+"""Lags whose costs are held at once, so that they stay in the processor's cache."""
 
 
 def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> float:
@@ -55,52 +59,6 @@ def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> fl
     return float(least[place])
 
 
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """Contributions of the lags to E at values of A, for one ε; noise is to be multiplied by σ².
-
-    Attributes:
-        nodes: [k], values of A/S.
-        noise: [m, k], what the filter makes of the noise.
-        bias: [m, k], what it holds back.
-        noise_dip: [m, k - 1], most by which the noise can fall below its chord between two nodes.
-        bias_dip: the same of the bias.
-    """
-
-    nodes: Floats
-    noise: Floats
-    bias: Floats
-    noise_dip: Floats
-    bias_dip: Floats
-
-    def cost(self, variance: float) -> Floats:
-        """[m, k]: lines between these values lie nowhere above what lags add to E at this σ²."""
-        value = variance * self.noise + self.bias
-        return _lowered(value, variance * self.noise_dip + self.bias_dip)
-
-
-def dual_tables(inner: Interior, epsilon: float, grey: float) -> Tables:
-    """Prepare the dual's minima for lags' A from 0 to the open stop's."""
-    # Closer where modulations of displays lie: the chord's error goes with the square of the step.
-    nodes = _nodes(grey, 1.0)
-    slope = inner.stop * inner.pixel
-    regular = epsilon * inner.inverse_prior
-    h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
-    inverse = 1 / (1 + h**2 / regular[:, None])
-    squared = inverse**2
-    # With u = 1 + H²/R: noise (1/u - 1/u²)/R, bias P/u²; their second slopes by H/√R are at most 6/u² and 20/u³, and
-    # these fall with H, so the left end of an interval bounds them.
-    by_noise, by_bias = inner.weight / regular, inner.weight * inner.power
-    curve = (slope**2 / regular)[:, None] * np.diff(nodes) ** 2 / 8
-    return Tables(
-        nodes,
-        (inverse - squared) * by_noise[:, None],
-        squared * by_bias[:, None],
-        6 * squared[:, :-1] * by_noise[:, None] * curve,
-        20 * (squared * inverse)[:, :-1] * by_bias[:, None] * curve,
-    )
-
-
 def best_regular(inner: Interior, variance: float) -> Floats:
     """R of the best filter at each lag's frequency, [m], among those that ε within the protocol's give.
 
@@ -113,35 +71,40 @@ def best_regular(inner: Interior, variance: float) -> Floats:
 
 
 def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
-    """As :class:`Tables`, of the best filter at each frequency, below that of any ε of the protocol.
+    """What lags add to E at values of A from 0 up, with the best filter at each frequency, below that of any ε.
 
     Returns:
-        Nodes [k] and cost [m, k].
+        Nodes [k], values of A/S, and cost [m, k]: lines between these values lie nowhere above what a lag adds.
     """
-    nodes = _nodes(grey, most)
-    slope = inner.stop * inner.pixel
-    h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
-    regular = best_regular(inner, variance)
+    nodes = nodes_to(most, grey)
+    return nodes, cost_at(nodes, inner, variance, grey, best_regular(inner, variance))
+
+
+def nodes_to(most: float, grey: float, count: int = _NODES) -> Floats:
+    """Values of A/S from 0 to the largest, closer where displays' lie, near a grey panel's.
+
+    The error of a chord goes with the square of the step.
+    """
+    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, count - 1)])
+
+
+def cost_at(
+    nodes: Floats, inner: Interior, variance: float, grey: float, regular: Floats, lags: slice = slice(None)
+) -> Floats:
+    """As :func:`wiener_cost`, [lags, k], of the filters whose R at each lag's frequency are ``regular``, [m]."""
+    regular, power, weight = regular[lags], inner.power[lags], inner.weight[lags]
+    slope = inner.stop[lags] * inner.pixel[lags]
+    h = slope[:, None] * nodes + (grey * inner.folded[lags])[:, None]
     inverse = 1 / (1 + h**2 / regular[:, None])
     squared = inverse**2
-    by_noise, by_bias = (variance * inner.weight / regular)[:, None], (inner.weight * inner.power)[:, None]
-    curve = (slope**2 / regular)[:, None] * np.diff(nodes) ** 2 / 8
-    left, u = squared[:, :-1], inverse[:, :-1]
-    # As in dual_tables; where R = σ²/P, noise and bias together are P/u, whose second slope is at most 6/u².
-    steep = (
-        np.where(
-            np.isclose(regular * inner.power, variance, rtol=1e-12)[:, None],
-            6 * by_bias,
-            6 * by_noise + 20 * u * by_bias,
-        )
-        * left
-    )
-    return nodes, _lowered((inverse - squared) * by_noise + squared * by_bias, steep * curve)
-
-
-def _nodes(grey: float, most: float) -> Floats:
-    # A grey panel's modulation is where the best design's lie; the chord's error goes with the square of the step.
-    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, _NODES - 1)])
+    # With u = 1 + H²/R: noise σ² (1/u - 1/u²)/R, bias P/u²; their second slopes by H/√R are at most 6/u² and 20/u³,
+    # and these fall with H, so the left end of an interval bounds them. Where R = σ²/P both together are P/u, whose
+    # second slope is at most 6/u².
+    by_noise, by_bias = (variance * weight / regular)[:, None], (weight * power)[:, None]
+    ideal = (abs(regular * power - variance) <= _ROUNDING * variance)[:, None]
+    steep = np.where(ideal, 6 * by_bias, 6 * by_noise) + np.where(ideal, 0, 20 * by_bias) * inverse[:, :-1]
+    curve = (slope**2 / regular)[:, None] * (np.diff(nodes) ** 2 / 8)
+    return _lowered((inverse - squared) * by_noise + squared * by_bias, steep * squared[:, :-1] * curve)
 
 
 def _lowered(value: Floats, dip: Floats) -> Floats:
@@ -212,17 +175,21 @@ class ResidueDual:
     summed: Floats
 
     @classmethod
-    def of(cls, nodes: Floats, cost: Floats, classes: Residues, ratio: float, *, periodic: bool) -> ResidueDual:
-        """From nodes whose last is 1, and the cost [m, k] of every lag, lowered as in :func:`wiener_cost`."""
-        free = classes.of_lag < 0
-        short = cost[free]
+    def of(
+        cls, nodes: Floats, costs: Iterable[Floats], classes: Residues, ratio: float, *, periodic: bool
+    ) -> ResidueDual:
+        """From nodes whose last is 1, and the costs of one lag after another, [.., k], as :func:`cost_at` has them."""
+        start, shorts, summed = 0, [], np.zeros((len(classes.size), len(nodes)))
+        for cost in costs:
+            of_lag = classes.of_lag[start : start + len(cost)]
+            far = np.flatnonzero(of_lag >= 0)
+            members = sparse.csr_array((np.ones(len(far)), (of_lag[far], far)), shape=(len(summed), len(cost)))
+            summed += members @ cost
+            shorts.append(cost[of_lag < 0])
+            start += len(cost)
+        short = np.concatenate(shorts)
         if len(short):
             short[0, :-1] = np.inf
-        count = len(classes.size)
-        members = sparse.csr_array(
-            (np.ones(int((~free).sum())), (classes.of_lag[~free], np.flatnonzero(~free))), shape=(count, len(free))
-        )
-        summed = np.asarray(members @ cost)
         if periodic:
             summed[0, :-1] = np.inf
         return cls(classes, ratio, nodes, short, summed)
@@ -278,14 +245,19 @@ def residue_errors(
         variances: σ².
         periodic: the unit is repeated; otherwise turned at random.
     """
-    duals: list[list[ResidueDual]] = [[] for _ in variances]
-    for epsilon in inner.strengths:
-        table = dual_tables(inner, epsilon, ratio)
-        for of_level, variance in zip(duals, variances, strict=True):
-            of_level.append(ResidueDual.of(table.nodes, table.cost(variance), classes, ratio, periodic=periodic))
-    return [_least(of_level) for of_level in duals]
+    fine, coarse = (nodes_to(1.0, ratio, count) for count in (_NODES, _FEW_NODES))
 
+    def least(variance: float) -> float:
+        def dual(epsilon: float, nodes: Floats) -> ResidueDual:
+            regular = epsilon * inner.inverse_prior
+            parts = (slice(start, start + _TOGETHER) for start in range(0, len(regular), _TOGETHER))
+            costs = (cost_at(nodes, inner, variance, ratio, regular, part) for part in parts)
+            return ResidueDual.of(nodes, costs, classes, ratio, periodic=periodic)
 
-def _least(duals: list[ResidueDual]) -> float:
-    rough = [dual.of_mean() for dual in duals]
-    return least_refined([value for value, _ in rough], lambda place: duals[place].refined(*rough[place])[0])
+        def refined(place: int) -> float:
+            near = dual(inner.strengths[place], fine)
+            return near.refined(*near.of_mean())[0]
+
+        return least_refined([dual(epsilon, coarse).of_mean()[0] for epsilon in inner.strengths], refined)
+
+    return [least(variance) for variance in variances]

@@ -300,7 +300,7 @@ def surrogate_of(statistics: SceneStatistics, room: CellGrid, waves: Waves | Non
         np.where(low, 0, weight * density),
         (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
         open_stop.at(near[:, None], near),
-        (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
+        (interpolation(axes[0], per_cycle, reach), interpolation(axes[1], per_cycle, reach)),
         statistics.low,
         statistics.low_truth,
         ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
@@ -370,7 +370,7 @@ def _choose_lags(dots: int, longest: int) -> tuple[Ints, Floats]:
     return np.stack([y[index], x[index]]), np.concatenate([np.ones(int(short.sum())), 1 / chance[drawn]])
 
 
-def _interpolation(frequency: Floats, per_cycle: float, reach: int) -> Floats:
+def interpolation(frequency: Floats, per_cycle: float, reach: int) -> Floats:
     """[frequencies, 2 reach + 1]: bilinear weights at lags -reach to reach, times the pixel's sinc."""
     lags = np.arange(-reach, reach + 1)
     hat = np.maximum(0, 1 - abs(frequency[:, None] * per_cycle - lags))

@@ -162,6 +162,12 @@ class CellLight:
         return np.asarray(even.transpose(0, 2, 1, 3).reshape(self.room.side, self.room.side))
 
     @cached_property
+    def spread_spectrum(self) -> Complexes:
+        """Transform of q on the torus, [size, size / 2 + 1]."""
+        size = self.across * self.room.dots
+        return np.asarray(scipy.fft.rfft2(self.spread, (size, size), workers=1))
+
+    @cached_property
     def rough(self) -> Floats:
         """Sum of u² in every cell, [cells²]."""
         n = self.clear.ravel()
@@ -205,17 +211,15 @@ class CellLight:
         y, x = self.lags
         within = x <= self.reach
         plane[y[within], x[within]] = plane[x[within], y[within]] = weights[within]
-        line = np.arange(-self.reach, self.reach + 1)
-        kernel = np.zeros((size, size))
-        kernel[np.ix_(line % size, line % size)] = plane[np.ix_(abs(line), abs(line))]
-        spectrum = scipy.fft.fft2(kernel, workers=1).real
-        field = scipy.fft.irfft2(
-            scipy.fft.rfft2(self.spread, (size, size), workers=1) * spectrum[:, : size // 2 + 1],
-            (size, size),
-            workers=1,
-        )[:side, :side]
+        # Weights are even along both axes, and so is their transform: a quarter of each is the whole.
+        by_x = 2 * scipy.fft.rfft(plane, size, axis=1, workers=1).real - plane[:, :1]
+        quarter = 2 * scipy.fft.rfft(by_x, size, axis=0, workers=1).real - by_x[:1]
+        line = np.arange(size)
+        line = np.minimum(line, size - line)
+        rows = scipy.fft.ifft(self.spread_spectrum * quarter[line], axis=0, overwrite_x=True, workers=1)[:side]
+        field = scipy.fft.irfft(rows, size, axis=1, workers=1)[:, :side]
         even = float((self.spread * field).sum())
-        return (even + 2 * self._packed(field) + self._scattered(spectrum, sharp=sharp)) / self.total
+        return (even + 2 * self._packed(field) + self._scattered(quarter, line, sharp=sharp)) / self.total
 
     def _packed(self, field: Floats) -> float:
         """Most of u·Wq: every cell's dots where the field is largest."""
@@ -226,10 +230,10 @@ class CellLight:
         mean = (values * self.inside).sum(axis=1) / np.maximum(self.inside.sum(axis=1), 1)
         return float((best - self.clear.ravel() * mean).sum())
 
-    def _scattered(self, spectrum: Floats, *, sharp: bool) -> float:
-        """Most of u·Wu, at least 0."""
+    def _scattered(self, quarter: Floats, line: Ints, *, sharp: bool) -> float:
+        """Most of u·Wu, at least 0, of a quarter of the transform of W and the place of each frequency along it."""
         v, u, parts = self.waves
-        values = spectrum[v[:, :, None], u[:, None, :]].reshape(len(v), -1)
+        values = quarter[line[v][:, :, None], line[u][:, None, :]].reshape(len(v), -1)
         rough = float(self.rough.sum())
         largest = max(_largest(values, parts[:, :1]), 0.0)
         if not sharp or largest == 0 or self.room.dots < 2:
@@ -333,8 +337,12 @@ def _largest(values: Floats, held: Complexes) -> float:
         shifted = values - middle
         shifted[shifted == 0] = np.finfo(np.float64).tiny
         seen = (held.conj() / shifted[:, None]) @ held.transpose(0, 2, 1)
-        above = (shifted > 0).sum(axis=1) + (np.linalg.eigvalsh(seen) < 0).sum(axis=1) - held.shape[1]
-        low, high = (middle, high) if (above > 0).any() else (low, middle)
+        above = (shifted > 0).sum(axis=1) + (np.linalg.eigvalsh(seen) < 0).sum(axis=1) > held.shape[1]
+        if above.any():
+            # The largest is of one of these phases.
+            low, values, held = middle, values[above], held[above]
+        else:
+            high = middle
     return high
 
 

@@ -24,8 +24,8 @@ Over the distances of a scene the mean of decibels counts, each photograph resto
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
@@ -36,8 +36,8 @@ from maskfab.base.errors import JobError
 from maskfab.camera.imaging import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.stop_cells import CellGrid
-from maskfab.designs.model.expected_psnr import Surrogate
-from maskfab.designs.model.panel_judgement import Judged, PanelError, Slope
+from maskfab.designs.model.expected_psnr import Surrogate, interpolation
+from maskfab.designs.model.panel_judgement import Judged, PanelError, Slope, parted
 from maskfab.designs.model.statistics import FACTOR, PixelNoise
 from maskfab.job.camera import REFERENCE_TRANSMISSION
 
@@ -55,6 +55,14 @@ _LOW = 1 / 16
 
 _RIM = 0.01
 """Outer share of the stop's diameter that protocol F1 leaves out: its lags pass next to nothing."""
+
+
+_MOST_FREQUENCIES = 400
+"""Along an axis by which steps of a map are judged: maps that fewer lags lead to are no worse by 0.01 dB."""
+
+
+_COLUMNS, _ROWS = 64, 16
+"""That are worked on at once, so that they stay in the processor's cache."""
 
 
 _FEWEST_FREQUENCIES = 129
@@ -81,6 +89,8 @@ class PupilError(PanelError):
         mirror: for y and x, where the mirrored record takes its rows and columns from.
         strengths: ε to choose from.
         amplitude: complex64 behind the open stop, [side, side], where light has a phase.
+        stride: dots from one lag to the next: all that is said of lags above counts them.
+        coarse: the error by fewer lags, where dots are fine.
     """
 
     lattice: CellGrid
@@ -102,6 +112,12 @@ class PupilError(PanelError):
     noise: PixelNoise
     strengths: tuple[float, ...]
     amplitude: torch.Tensor | None = None
+    stride: int = 1
+    coarse: PupilError | None = None
+
+    @property
+    def of_steps(self) -> PupilError:
+        return self.coarse or self
 
     def psnr(self, pupil: Floats) -> tuple[float, ...]:
         return _best(self._tabulated(self._lags(pupil)))
@@ -135,7 +151,23 @@ class PupilError(PanelError):
     def table(self, pupil: Mask | Floats) -> Singles:
         """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach, in light without
         a phase."""
-        return self._table(pupil)[1]
+        # Pairs of clear dots are counted, so rounding makes single precision exact.
+        return self.mean_table([pupil], [1.0]).round()
+
+    def mean_table(self, pupils: Iterable[Mask | Floats], shares: Sequence[float]) -> Singles:
+        """Sum of the autocorrelations of pupils, each times its share, but for rounding in single precision."""
+        size, reach = self.size, self.reach
+        power = np.zeros((size, size // 2 + 1), dtype=np.float32)
+        blocks = [slice(start, start + _COLUMNS) for start in range(0, power.shape[1], _COLUMNS)]
+        for pupil, share in zip(pupils, shares, strict=True):
+            lines = scipy.fft.rfft(pupil.astype(np.float32), size, axis=1, workers=1)
+            for block in blocks:
+                spectrum = scipy.fft.fft(lines[:, block], size, axis=0, workers=1)
+                power[:, block] += np.float32(share) * (spectrum.real**2 + spectrum.imag**2)
+        # The autocorrelation is real and even, so the sign of the transforms does not matter.
+        rows = [scipy.fft.rfft(power[:, block], axis=0, norm="forward", workers=1)[: reach + 1] for block in blocks]
+        wide = scipy.fft.irfft(np.concatenate(rows, axis=1).conj(), size, axis=1, workers=1)
+        return np.concatenate([wide[:, -reach:], wide[:, : reach + 1]], axis=1)
 
     def psnr_of_table(self, table: Singles) -> tuple[float, ...]:
         """Expected restored PSNR in dB at each level, of an autocorrelation as :meth:`table` has it."""
@@ -155,7 +187,7 @@ class PupilError(PanelError):
                 return Slope(self._near(_shared(by_lag.real.numpy().copy())), field.numpy())
 
             return Judged(float(value.detach()), turned_slope)
-        spectrum, table = self._table(pupil)
+        spectra, table = self._table(pupil)
         lags = torch.from_numpy(table).requires_grad_()
         value = self._loss(lags, epsilons)
 
@@ -163,28 +195,33 @@ class PupilError(PanelError):
             (by_lag,) = torch.autograd.grad(value, lags)
             # Rows of lags above 0 stand for their mirror images too.
             half = _shared(by_lag.numpy())
-            return Slope(self._near(half), self._field(half, spectrum))
+            return Slope(self._near(half), self._field(half, spectra))
 
         return Judged(float(value.detach()), slope)
 
-    def _field(self, half: Singles, spectrum: torch.Tensor) -> Singles:
-        """∂loss/∂p in light without a phase, from g in the upper half plane and the pupil's transform."""
-        reach, size, side = half.shape[1] // 2, len(spectrum), self.lattice.side
+    def _field(self, half: Singles, spectra: Sequence[torch.Tensor]) -> Singles:
+        """∂loss/∂p in light without a phase, from g in the upper half plane and the transform of :meth:`_table`."""
+        reach, size, side = half.shape[1] // 2, self.size, self.lattice.side
         wrapped = np.zeros((len(half), size), dtype=np.float32)
         wrapped[:, : reach + 1], wrapped[:, -reach:] = half[:, reach:], half[:, :reach]
         # The slopes are real and even, so their transform is real.
         slopes = torch.fft.hfft(torch.fft.rfft(torch.from_numpy(wrapped), dim=1), n=size, dim=0)
-        by_row = torch.fft.ifft(spectrum * slopes, dim=0)[:side]
-        return np.asarray(2 * torch.fft.irfft(by_row, n=size, dim=1)[:, :side].numpy())
+        count, stride = -(-side // self.stride), self.stride
+        field = np.empty((count * stride, count * stride), dtype=np.float32)
+        for place, spectrum in enumerate(spectra):
+            by_row = torch.fft.ifft(spectrum * slopes, dim=0)[:count]
+            part = 2 * torch.fft.irfft(by_row, n=size, dim=1)[:, :count].numpy()
+            field[place // stride :: stride, place % stride :: stride] = part
+        return field[:side, :side]
 
     def _near(self, half: Singles) -> Floats:
         """g at the lags within a unit, of the slopes in the upper half plane, each shared with its mirror image."""
-        reach = half.shape[1] // 2
+        reach, stride = half.shape[1] // 2, self.stride
         upper = np.zeros((self.dots, 2 * self.dots - 1))
         # Cells wider than the stop have lags at which nothing is seen.
-        within = min(self.dots - 1, reach)
-        columns = slice(self.dots - 1 - within, self.dots + within)
-        upper[: within + 1, columns] = half[: within + 1, reach - within : reach + within + 1]
+        within = min((self.dots - 1) // stride, reach)
+        columns = slice(self.dots - 1 - within * stride, self.dots + within * stride, stride)
+        upper[: within * stride + 1 : stride, columns] = half[: within + 1, reach - within : reach + within + 1]
         return np.concatenate([upper[:0:-1, ::-1], upper])
 
     def _lags(self, pupil: Floats) -> torch.Tensor:
@@ -204,17 +241,23 @@ class PupilError(PanelError):
         wide = torch.fft.fft(rows, dim=1, norm="forward")
         return torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1)
 
-    def _table(self, pupil: Mask | Floats) -> tuple[torch.Tensor, Singles]:
-        """The pupil's transform, for the slope, and its autocorrelation at lags (y, x) of the upper half plane."""
-        size, reach = self.size, self.reach
-        lines = torch.fft.rfft(torch.from_numpy(pupil.astype(np.float32)), n=size, dim=1)
-        spectrum = torch.fft.fft(lines, n=size, dim=0)
-        power = spectrum.real**2 + spectrum.imag**2
+    def _table(self, pupil: Mask | Floats) -> tuple[list[torch.Tensor], Singles]:
+        """Transforms of every so many dots of the pupil, for the slope, and its autocorrelation at lags (y, x) of the
+        upper half plane."""
+        size, reach, stride = self.size, self.reach, self.stride
+        # Dots a whole number of strides apart are of one part.
+        lines = (
+            torch.fft.rfft(part, n=size, dim=1) for part in torch.from_numpy(parted(pupil.astype(np.float32), stride))
+        )
+        spectra = [torch.fft.fft(line, n=size, dim=0) for line in lines]
+        power = _squared_modulus(spectra[0])
+        for spectrum in spectra[1:]:
+            power += _squared_modulus(spectrum)
         # The autocorrelation is real and even, so the sign of the transforms does not matter.
         rows = torch.fft.rfft(power, dim=0, norm="forward")[: reach + 1].conj()
         wide = torch.fft.irfft(rows, n=size, dim=1)
         # Pairs of clear dots are counted, so rounding makes single precision exact.
-        return spectrum, torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1).round_().numpy()
+        return spectra, torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1).round_().numpy()
 
     def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
@@ -263,18 +306,28 @@ class PupilError(PanelError):
     ) -> Errors:
         """Errors of Wiener filters, whatever the light; those of ``known`` transfers if there are any."""
         by = None if known is None else _precise(known[0])
-        squared = _squared_modulus(transfer if by is None else by)
+        noise, bias = self._filtered(transfer, epsilons, slice(None), by)
+        return noise, bias, self._leaks(low, epsilons, known and known[1])
+
+    def _filtered(
+        self, transfer: torch.Tensor, epsilons: Sequence[float], rows: slice, by: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """What these rows of frequencies add to the noise and to the signal held back."""
+        transfer, prior, share, signal = (
+            each[rows] for each in (transfer, self.inverse_prior, self.share, self.signal)
+        )
+        squared = _squared_modulus(transfer if by is None else by[rows])
         noise, bias = [], []
         for epsilon in epsilons:
-            regular = epsilon * self.inverse_prior
+            regular = epsilon * prior
             below = 1 / (squared + regular) ** 2
-            noise.append((self.share * squared * below).sum())
+            noise.append((share * squared * below).sum())
             if by is None:
-                bias.append((self.signal * regular**2 * below).sum())
+                bias.append((signal * regular**2 * below).sum())
             else:
-                missed = 1 - wiener_tensor(by, regular) * transfer
-                bias.append((self.signal * _squared_modulus(missed)).sum())
-        return torch.stack(noise), torch.stack(bias), self._leaks(low, epsilons, known and known[1])
+                missed = 1 - wiener_tensor(by[rows], regular) * transfer
+                bias.append((signal * _squared_modulus(missed)).sum())
+        return torch.stack(noise), torch.stack(bias)
 
     def _decibels(self, level: float, light: torch.Tensor, errors: Errors) -> torch.Tensor:
         noise, bias, leak = errors
@@ -305,7 +358,12 @@ class PupilError(PanelError):
     def _tabulated(self, table: torch.Tensor) -> Floats:
         with torch.no_grad():
             transfer, low, light = self._transfers(table)
-            errors = self._errors(transfer, low, self.strengths)
+            parts = [
+                self._filtered(transfer, self.strengths, slice(start, start + _ROWS))
+                for start in range(0, len(transfer), _ROWS)
+            ]
+            noise, bias = (torch.stack(sums).sum(dim=0) for sums in zip(*parts, strict=True))
+            errors = noise, bias, self._leaks(low, self.strengths)
             return np.stack([self._decibels(level, light, errors).numpy() for level in self.levels])
 
 
@@ -327,9 +385,18 @@ def pupil_error(
     if len(share) != len(levels) or not np.isfinite(share).all() or share.min() < 0 or share.sum() <= 0:
         what = f"the weights {tuple(weights or ())} are not {len(levels)} numbers of 0 or more, some above"
         raise JobError("MF104", what, where="weights", cure="Give one for each level")
+    weights = tuple(float(w) for w in share / share.sum())
+    per_cycle = estimate.lattice.per_cycle(estimate.lattice.camera.middle_nm)
+    stride = 1 if estimate.amplitude is not None else max(1, math.ceil(per_cycle / _MOST_FREQUENCIES))
+    fine = _at_lags(estimate, tuple(levels), weights, 1)
+    return fine if stride == 1 else replace(fine, coarse=_at_lags(estimate, fine.levels, weights, stride))
+
+
+def _at_lags(estimate: Surrogate, levels: tuple[float, ...], weights: tuple[float, ...], stride: int) -> PupilError:
+    """The error of panels by lags that lie so many dots apart."""
     room = estimate.lattice
-    side, camera = room.side, room.camera
-    per_cycle = room.per_cycle(camera.middle_nm)
+    count, camera = -(-room.side // stride), room.camera
+    per_cycle = room.per_cycle(camera.middle_nm) / stride
     cycle = 2 * round((per_cycle - 1) / 2) + 1
     if not camera.is_f1:
         cycle = max(cycle, _FEWEST_FREQUENCIES)
@@ -342,13 +409,13 @@ def pupil_error(
         below = np.floor(lags)
         stretch = torch.from_numpy(below.astype(np.int64)), torch.from_numpy((lags - below).astype(np.float32))
         reach = int(below.max()) + 1
-    reach = max(reach, len(estimate.near) // 2)
+    reach = max(reach, -(-(len(estimate.near) // 2) // stride))
     nu = np.arange(-(cycle // 2), cycle // 2 + 1) / cycle
     upper = nu[cycle // 2 :, None]
     distance = np.hypot(upper, nu)
     # The surrogate's spectrum is c f^-p.
     seen = estimate.signal > 0
-    lengths = np.log(np.hypot(*estimate.lags[:, seen]) / per_cycle)
+    lengths = np.log(np.hypot(*estimate.lags[:, seen]) / (per_cycle * stride))
     slope, offset = np.polyfit(lengths, np.log(estimate.signal[seen] / estimate.weight[seen]), 1)
     square = np.where(upper > 0, 2.0, 1.0) / cycle**2 * np.ones(cycle)
     signal = square * float(np.exp(offset)) * np.maximum(distance, 1e-3) ** float(slope)
@@ -356,19 +423,24 @@ def pupil_error(
     rows = estimate.along[0].shape[0]
     columns = 2 * (estimate.along[1].shape[0] - 1)
     signal[(upper < _LOW) & (abs(nu) < _LOW)] = 0
+    along = estimate.along
+    if stride > 1:
+        low = scipy.fft.fftfreq(rows) / FACTOR, scipy.fft.rfftfreq(columns) / FACTOR
+        near = -(-(len(estimate.near) // 2) // stride)
+        along = interpolation(low[0], per_cycle, near), interpolation(low[1], per_cycle, near)
     return PupilError(
         room,
-        int(scipy.fft.next_fast_len(max(2 * side - 1, side + reach, 2 * reach + 1), real=True)),
+        int(scipy.fft.next_fast_len(max(2 * count - 1, count + reach, 2 * reach + 1), real=True)),
         reach,
-        tuple(levels),
-        tuple(float(w) for w in share / share.sum()),
+        levels,
+        weights,
         cycle,
         stretch,
         torch.from_numpy(np.sinc(np.arange(-half, half + 1) / cycle).astype(np.float32)),
         torch.from_numpy(square),
         torch.from_numpy(signal),
         torch.from_numpy((distance / PRIOR_CY_PER_PX) ** 2 + 1e-12),
-        (torch.from_numpy(estimate.along[0]), torch.from_numpy(estimate.along[1])),
+        (torch.from_numpy(along[0]), torch.from_numpy(along[1])),
         torch.from_numpy(np.array(estimate.low)),
         torch.from_numpy(np.array(estimate.low_truth)),
         torch.from_numpy(np.array(estimate.low_prior)),
@@ -376,6 +448,7 @@ def pupil_error(
         estimate.noise,
         estimate.strengths,
         None if estimate.amplitude is None else torch.from_numpy(estimate.amplitude.astype(np.complex64)),
+        stride,
     )
 
 

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Labels, Mask, Singles
+from maskfab.base.model import Scalar
 from maskfab.camera.stop_cells import CellGrid, lay
 
 
@@ -47,16 +49,23 @@ class PanelError(ABC):
 
     Attributes:
         weights: of the levels in the loss; they sum to 1.
+        stride: dots from one lag that counts to the next.
     """
 
     lattice: CellGrid
     levels: tuple[float, ...]
     weights: tuple[float, ...]
+    stride: int = 1
 
     @cached_property
     def inside(self) -> Mask:
         """The stop, bool [side, side], side = ``lattice.side``."""
         return self.lattice.stop
+
+    @property
+    def of_steps(self) -> PanelError:
+        """Judgement that tells the steps of a map apart, and may be the quicker for it."""
+        return self
 
     @property
     def dots(self) -> int:
@@ -113,3 +122,12 @@ class MeanPanelError(PanelError):
             return Slope(np.mean([one.near for one in slopes], axis=0), np.mean([one.field for one in slopes], axis=0))
 
         return Judged(sum(one.loss for one in judged) / len(judged), slope)
+
+
+def parted(values: NDArray[Scalar], stride: int) -> NDArray[Scalar]:
+    """Dots [.., side, side] that lie whole strides apart, together: [.., stride², m, m], 0 beyond the side."""
+    beyond = -values.shape[-1] % stride
+    padded = np.pad(values, [(0, 0)] * (values.ndim - 2) + [(0, beyond)] * 2)
+    count = padded.shape[-1] // stride
+    split = padded.reshape(*values.shape[:-2], count, stride, count, stride)
+    return np.moveaxis(split, (-3, -1), (-4, -3)).reshape(*values.shape[:-2], stride**2, count, count)
