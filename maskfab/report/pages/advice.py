@@ -283,7 +283,9 @@ def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
     kept = f"keeps its limits: {names}" if limits else "fits round it"
     power = 100 / 10 ** (gain.mean / 10)
     better = f"{_decided(advised)}: {better}"
-    return f"Build this, {better}, with {power:.0f}\N{NO-BREAK SPACE}% of the error's power, and the display {kept}."
+    apart = "".join(f" {caveat[:1].upper()}{caveat[1:]}." for caveat in caveats(advised))
+    better = f"{better}, with {power:.0f}\N{NO-BREAK SPACE}% of the error's power"
+    return f"Build this, {better}, and the display {kept}.{apart}"
 
 
 def _decided(advised: Advised) -> str:
