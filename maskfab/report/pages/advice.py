@@ -298,8 +298,8 @@ def _decided(advised: Advised) -> str:
 
 def _asked(point: SharePoint) -> str:
     """Keys of a job that ask for a point of the curve."""
-    dots = f"clear_dots = {point.clear_dots} of [design] with"
-    return f"{dots} {point.zone}" if point.across > 1 else f"{dots} sharing = {point.sharing} of [display]"
+    dots = f"clear_dots = {point.clear_dots}"
+    return f"{dots} with {point.zone}" if point.across > 1 else f"{dots}, sharing = {point.sharing}"
 
 
 def _limits(advised: Advised) -> list[Document]:
@@ -484,7 +484,8 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
         rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
     method = (
         f"Gains of shares are over {advised.reference}, others over the design; mean over the light, before a map "
-        f"unless said otherwise: {_MODEL}. Displays of shares fit on small dies, and none was searched."
+        f"unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for it, the "
+        "share of each colour's emitters, and life and slow grain beside the display around."
     )
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
@@ -504,8 +505,8 @@ def _points(curve: ShareCurve) -> list[SharePoint]:
 
 def _point_row(advised: Advised, point: SharePoint) -> Document:
     numbers = {number.name: number for number in point.numbers}
-    pays = [f"emitters of each colour {point.footprint:.1%}"]
-    pays += [f"{numbers[key].title} {short(numbers[key].value, 2)}" for key in ("life", "grain") if key in numbers]
+    pays = [f"emitters {point.footprint:.1%}"]
+    pays += [f"{key} {short(numbers[key].value, 2)}" for key in ("life", "grain") if key in numbers]
     pays += ["all cells laid alike"] * point.alike
     broken = [number.title for number in point.numbers if number.passed is False]
     pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
