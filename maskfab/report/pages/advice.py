@@ -484,8 +484,8 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
         rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
     method = (
         f"Gains of shares are over {advised.reference}, others over the design; mean over the light, before a map "
-        f"unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for it, the "
-        "share of each colour's emitters, and life and slow grain beside the display around."
+        f"unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for it, "
+        "the share of each colour's emitters, and life and slow grain beside the display around."
     )
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
