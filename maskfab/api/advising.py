@@ -154,7 +154,7 @@ def advise(
         )
         if made is not None:
             progress("off the axis", 0, 1)
-            lens = off_axis(found.job, found.name, made.brief.gap, made.brief.field)
+            lens = off_axis(found.job, found.name, made.brief.gap, made.brief.field, clock)
             found = replace(found, notes=(*found.notes, lens))
             progress("off the axis", 1, 1)
     taken = {"wall_s": time.monotonic() - began, "processor_s": effort.seconds}

@@ -332,6 +332,9 @@ def test_gap_and_field_are_told_as_the_check_estimates_them(answer, field, rows,
     assert said in caveat
     told = dict(re.findall(r"(\S+) \(([^)]+)\)", caveat))
     assert rows <= set(told.values())
+    hurried = off_axis(found.job, found.name, 500.0, field, Clock(0.0))
+    assert caveat.partition(" not modelled")[0] == hurried.partition(" not modelled")[0]
+    assert "--optics tells what that changes" in hurried
     document = advice_document(replace(found, notes=(*found.notes, caveat)), "maskfab advise", [])
     assert document["caveats"] == [caveat]
     assert caveat not in document["left_out"]
