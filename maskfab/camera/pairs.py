@@ -46,8 +46,9 @@ SPLITS = ("train", "validation", "test")
 _WIDEST, _SMALLEST = 1536, 32
 """Pixels along a side of a window, unless one crop needs more, and of the smallest crop."""
 _MANY = 4
-_MOST_LIGHT = 65504.0
-"""In half precision."""
+"""Crops side by side in a window from which on random places spread so that twice as many share it."""
+_LAST, _MOST_LIGHT = 65535, 65504.0
+"""The last code of 16 bits, and the most light in half precision."""
 
 Pair: TypeAlias = dict[str, Any]
 
@@ -117,8 +118,7 @@ class Window:
 
     Attributes:
         margin: its rows and columns, and how many of them at each edge no crop reaches into.
-        groups: crops that share one window of a photograph: as many as would lie side by side in it, or of four or
-            more, which random places spread over it, twice as many.
+        groups: crops that share one window of a photograph: as many as would lie side by side in it, or twice as many.
     """
 
     margin: Margin
@@ -214,7 +214,12 @@ class Plan:
         die = self.dies[drawn.die]
         electrons = die.electrons[drawn.level]
         facts = {"number": drawn.number, "photograph": self.sources[drawn.source].path.name}
-        facts |= {"top": drawn.crop[0], "left": drawn.crop[1], "die": die.name, "level_db": self.levels[drawn.level]}
+        facts |= {
+            "top": drawn.crop[0],
+            "left": drawn.crop[1],
+            "die": die.name,
+            "level_db": float(self.levels[drawn.level]),
+        }
         return {**facts, "electrons_of_white": electrons, "gain": float(self.sensor.gain_for(electrons))}
 
 
@@ -263,12 +268,13 @@ class Pairs:
         plan = self.plan
         drawn, wanted = plan.drawn(self.numbers[place]), plan.wanted
         row = plan.row(drawn)
-        light, half = light_of(plan.sources[drawn.source].path, wanted.white)
-        (top, left), (rows, columns), around = drawn.window, plan.window.margin.shape, plan.window.margin.width
+        light, margin = light_of(plan.sources[drawn.source].path, wanted.white), plan.window.margin
         if self._kept is None or self._kept[0] != drawn.group:
-            part = light[:, top : top + rows, left : left + columns]
-            self._kept = drawn.group, plan.window.margin.through(part, self.transfers[row["die"]])
-        blurred = _cut(self._kept[1], row["top"] - top - around, row["left"] - left - around, wanted.crop)
+            window = light.cut(drawn.window, margin.shape)
+            self._kept = drawn.group, margin.through(window, self.transfers[row["die"]])
+        down, right = (crop - window - margin.width for crop, window in zip(drawn.crop, drawn.window, strict=True))
+        shape = wanted.crop, wanted.crop
+        blurred = _cut(self._kept[1], (down, right), shape)
         sensor = plan.sensor.amplified(row["gain"])
         draw = np.random.default_rng([wanted.seed, drawn.number, 2])
         codes = read_codes(sensor, sampled(blurred), row["electrons_of_white"], draw)
@@ -278,7 +284,7 @@ class Pairs:
         # The sixteenths that neighbours' means have are whole numbers, which single precision holds.
         sixteenths = np.clip(np.float32(16) * interpolated(codes), 0, 16 * most).astype(np.int32)
         return {
-            "clean": np.ascontiguousarray(_cut(half, row["top"], row["left"], wanted.crop)),
+            "clean": np.ascontiguousarray(light.cut(drawn.crop, shape), dtype=np.float16),
             "blurred": np.ascontiguousarray(blurred, dtype=np.float16),
             "raw": (codes + np.float32(sensor.black_level)).astype(np.uint16),
             "coded": curve.take(sixteenths),
@@ -300,8 +306,8 @@ class Pairs:
         return [int(place) for group in groups for place in draw.permutation(np.flatnonzero(by_group == group))]
 
 
-def _cut(planes: NDArray[Any], top: int, left: int, side: int) -> NDArray[Any]:
-    return planes[:, top : top + side, left : left + side]
+def _cut(planes: NDArray[Any], place: tuple[int, int], shape: tuple[int, int]) -> NDArray[Any]:
+    return planes[:, place[0] : place[0] + shape[0], place[1] : place[1] + shape[1]]
 
 
 @lru_cache(maxsize=64)
@@ -311,14 +317,35 @@ def _curve(most: int, light: float, bits: int) -> NDArray[np.unsignedinteger[Any
     return np.asarray(np.rint(codes), dtype=np.uint8 if bits <= 8 else np.uint16)
 
 
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Linear light of a photograph, white is 1, in little memory.
+
+    Attributes:
+        planes: uint16 [3, rows, columns], places in the table; or float32, light.
+    """
+
+    planes: NDArray[Any]
+    table: Singles | None
+
+    def cut(self, place: tuple[int, int], shape: tuple[int, int]) -> Singles:
+        """A part of it, [3, rows, columns]."""
+        part = _cut(self.planes, place, shape)
+        return np.asarray(part) if self.table is None else self.table.take(part)
+
+
 @lru_cache(maxsize=1)
-def light_of(path: Path, white: float | None) -> tuple[Singles, NDArray[np.float16]]:
-    """Linear light of the photograph that was looked at last, [3, rows, columns], white is 1; and in half precision."""
+def light_of(path: Path, white: float | None) -> Light:
+    """Light of the photograph that was looked at last; errors as of a scene's, but for its size."""
     picture = read_picture(path)
     colours = checked_pixels(path, picture, white)
-    planes = np.ascontiguousarray(np.broadcast_to(colours.transpose(2, 0, 1), (3, *colours.shape[:2])))
-    light = light_of_code(planes) if picture.coded else planes / np.float32(white or 1.0)
-    if not (most := float(light.max())) <= _MOST_LIGHT:
+    planes = np.empty((3, *colours.shape[:2]), dtype=np.uint16 if picture.coded else np.float32)
+    for plane, colour in zip(planes, (0, 1, 2) if colours.shape[2] == 3 else (0, 0, 0), strict=True):
+        values = colours[:, :, colour] * np.float32(_LAST if picture.coded else 1 / (white or 1.0))
+        plane[:] = np.rint(values) if picture.coded else values
+    if picture.coded:
+        return Light(planes, light_of_code(np.arange(_LAST + 1, dtype=np.float32) / np.float32(_LAST)))
+    if not (most := float(planes.max())) <= _MOST_LIGHT:
         what = f"the photograph holds {most:.3g} times white, and half precision {_MOST_LIGHT:g}"
         raise JobError("MF121", what, where=str(path), cure="Cut its light at that, or state a brighter white")
-    return light, light.astype(np.float16)
+    return Light(planes, None)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from functools import partial
@@ -32,6 +33,8 @@ from maskfab.mask.formats.exr import write_channels
 
 _SHARD = 256
 """Pairs in each shard but the last one of a split."""
+_HELD = 60
+"""Bytes that are held for each pixel of the largest photograph or window."""
 _DATASHEET, _NOTES, _TABLE, _PSFS = "datasheet.json", "README.md", "index.csv", "psf"
 ARRAYS: Mapping[str, str] = MappingProxyType({
     "clean": "linear light of the photograph, white is 1; [pairs, 3, rows, columns], red, green, blue",
@@ -75,8 +78,10 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
             progress("pairs", sum(made[:done]), sum(made))
 
         tell(0)
+        held = _HELD * max(math.prod(shape) for shape in (plan.window.margin.shape, *(s.shape for s in plan.sources)))
+        calls = [Call(write_shard, partial(tuple, (plan, folder, shard)), bytes=held) for shard in missing]
         with crew.executor(len(missing)) as executor:
-            executor.run_all([Call(write_shard, partial(tuple, (plan, folder, shard))) for shard in missing], tell)
+            executor.run_all(calls, tell)
         rows = [
             {"split": split, "shard": f"{shard:05d}", "place": place, **plan.row(plan.drawn(number))}
             for split, shard, numbers in shards
