@@ -51,7 +51,8 @@ def sought(spec: JobSpec) -> str:
     """Openings that a job's [design] asks for, in words."""
     section = spec.design
     assert section is not None
-    dots = f"{section.clear_dots} of {section.dots} x {section.dots} dots clear in {section.pitch:g} um"
+    many = section.clear_dots or "a chosen number"
+    dots = f"{many} of {section.dots} x {section.dots} dots clear in {section.pitch:g} um"
     if not isinstance(section, SearchSection):
         return f"descend to an opening, {dots}"
     held = ", round which the display must fit" if section.fit else ""
