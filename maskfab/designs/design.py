@@ -223,6 +223,14 @@ def share_of(
     return _sharing(counted, SHARINGS[-1] if best is None else best.sharing), curve
 
 
+def _choice_notes(spec: JobSpec, curve: ShareCurve | None, free: bool) -> tuple[str, ...]:
+    """Sentences on a share that was chosen, and on pixels to a circuit that the job must state from now on."""
+    if curve is None:
+        return ()
+    held = f"Set sharing = {spec.sharing} in [display], which the opening is for, before check and run."
+    return (curve.told, *((held,) if free and spec.sharing > 1 else ()))
+
+
 def _sharing(spec: JobSpec, sharing: int) -> JobSpec:
     stated = spec.display or DisplaySection()
     return spec.model_copy(update={"display": stated.model_copy(update={"sharing": sharing})})
@@ -301,6 +309,7 @@ def design(
     """
     display, seen, source = require_able(spec, where, images, checkpoint, begin)
     curve: ShareCurve | None = None
+    free = spec.display is not None and spec.display.sharing is None
     if section_of(spec, where).clear_dots == 0:
         spec, curve = share_of(
             spec, where=where, images=images, clock=clock.part(_SHARE_PART), executor=executor, progress=progress
@@ -343,10 +352,11 @@ def design(
         USES["design"]
         + (USES["design that fits"] if display is not None else ())
         + (USES["design over a spread"] if spread else ())
+        + (() if curve is None else USES["design of a chosen share"])
     )
     notes = (
         *designed.notes,
-        *(() if curve is None else (curve.told,)),
+        *_choice_notes(spec, curve, free),
         *notes_of(spec, source, uses, settings, seen),
         *display_notes(spec),
     )

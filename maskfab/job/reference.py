@@ -101,6 +101,7 @@ USES: Mapping[str, Keys] = MappingProxyType({
                                 *_of("exposure", "snr white luminance time quantum_efficiency")),
     "design for a scene": (*_PLACES, "plate.glass"),
     "design that fits": (*_FIT, "plate.die_size"),
+    "design of a chosen share": ("light", "lives"),
     "design over a spread": _of("process.spread", "bias centre"),
     "design --front": ("pareto", *_LENS, *_FIT, "plate.die_size",
                *_of("design", "name method dots pitch tiling tiling_seed seed rules families map weights protocol")),

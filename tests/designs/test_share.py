@@ -93,6 +93,9 @@ def test_the_design_of_the_chosen_share_is_found_and_told(small):
     assert designed.passed
     assert designed.opening.clear_dots == chosen.design.clear_dots == curve.best.clear_dots
     assert any(note == curve.told for note in designed.notes)
+    told = [note for note in designed.notes if "sharing = " in note]
+    assert len(told) == (curve.best.sharing > 1)
+    assert not any("[lives]" in note for note in designed.notes)
 
 
 def test_one_process_finds_what_two_find(small):
