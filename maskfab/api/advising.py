@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 from maskfab.api.asked import spec_of
 from maskfab.api.briefing import ask_brief
@@ -85,6 +85,16 @@ class Advice(FolderResult):
         return advice_page(self.to_dict(), pictures(self.found))
 
 
+@overload
+def advise(
+    job: DesignJob | None = ..., *, answers: Mapping[str, str] | Brief | None = ..., budget: str | None = ...,
+    images: str | Path | None = ..., progress: Progress = ...,
+) -> Advice: ...  # fmt: skip
+@overload
+def advise(
+    job: DesignJob | None = ..., *, answers: Mapping[str, str] | Brief | None = ..., budget: str | None = ...,
+    dry_run: Literal[True], images: str | Path | None = ..., progress: Progress = ...,
+) -> Foreseen: ...  # fmt: skip
 @checked_arguments
 @one_thread
 def advise(
@@ -143,15 +153,7 @@ def advise(
         work = f"{sought(spec)}; photographs, display, mask houses and larger openings"
         return Foreseen(work, command, clock.budget_s, job=text, notes=notes)
     with measured(time.process_time) as effort, ended_by_interrupt(clock):
-        found = advise_spec(
-            spec,
-            command,
-            path=path,
-            images=given,
-            progress=progress,
-            clock=clock,
-            notes=notes,
-        )
+        found = advise_spec(spec, command, path=path, images=given, progress=progress, clock=clock, notes=notes)
         if made is not None:
             progress("off the axis", 0, 1)
             lens = off_axis(found.job, found.name, made.brief.gap, made.brief.field, clock)

@@ -98,6 +98,7 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
         JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as for
             that die, and as :func:`maskfab.designs.design.check_possible`; all at once.
     """
+    require("design", what="advice on a design", where=where)
     faults, section, spare = JobFaults.of_spec(spec), spec.design, spec.design and spec.design.output
     others = [die for die in spec.die if die.opening != spare]
     with faults:
