@@ -192,7 +192,8 @@ def _sheet(plan: Plan) -> dict[str, Any]:
         "pairs_of_one_photograph": -(-wanted.count // len(plan.sources)),
         "crops_side_by_side": plan.side_by_side,
         "arrays": {name: {"dtype": types[name], "holds": text} for name, text in ARRAYS.items()},
-        "rounding": "half precision errs by 2^-11 of a value at most, or 3e-8 of white; blur is in single precision",
+        "rounding": "half precision errs by 2^-11 of a value at most, or 3e-8 of white; light is blurred as it is in "
+        "clean, in single precision, and rounded again",
         "noise": "Poisson's counts of electrons and normal read noise, cut at a full well, rounded to codes; one draw "
         "for each pair",
         "dies": [asdict(die) for die in plan.dies],

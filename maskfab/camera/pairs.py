@@ -47,8 +47,8 @@ _WIDEST, _SMALLEST = 1536, 32
 """Pixels along a side of a window, unless one crop needs more, and of the smallest crop."""
 _MANY = 4
 """Crops side by side in a window from which on random places spread so that twice as many share it."""
-_LAST, _MOST_LIGHT = 65535, 65504.0
-"""The last code of 16 bits, and the most light in half precision."""
+_MOST_LIGHT = 65504.0
+"""In half precision."""
 
 Pair: TypeAlias = dict[str, Any]
 
@@ -270,7 +270,7 @@ class Pairs:
         row = plan.row(drawn)
         light, margin = light_of(plan.sources[drawn.source].path, wanted.white), plan.window.margin
         if self._kept is None or self._kept[0] != drawn.group:
-            window = light.cut(drawn.window, margin.shape)
+            window = _cut(light, drawn.window, margin.shape).astype(np.float32)
             self._kept = drawn.group, margin.through(window, self.transfers[row["die"]])
         down, right = (crop - window - margin.width for crop, window in zip(drawn.crop, drawn.window, strict=True))
         shape = wanted.crop, wanted.crop
@@ -284,7 +284,7 @@ class Pairs:
         # The sixteenths that neighbours' means have are whole numbers, which single precision holds.
         sixteenths = np.clip(np.float32(16) * interpolated(codes), 0, 16 * most).astype(np.int32)
         return {
-            "clean": np.ascontiguousarray(light.cut(drawn.crop, shape), dtype=np.float16),
+            "clean": np.ascontiguousarray(_cut(light, drawn.crop, shape)),
             "blurred": np.ascontiguousarray(blurred, dtype=np.float16),
             "raw": (codes + np.float32(sensor.black_level)).astype(np.uint16),
             "coded": curve.take(sixteenths),
@@ -317,35 +317,17 @@ def _curve(most: int, light: float, bits: int) -> NDArray[np.unsignedinteger[Any
     return np.asarray(np.rint(codes), dtype=np.uint8 if bits <= 8 else np.uint16)
 
 
-@dataclass(frozen=True, eq=False)
-class Light:
-    """Linear light of a photograph, white is 1, in little memory.
-
-    Attributes:
-        planes: uint16 [3, rows, columns], places in the table; or float32, light.
-    """
-
-    planes: NDArray[Any]
-    table: Singles | None
-
-    def cut(self, place: tuple[int, int], shape: tuple[int, int]) -> Singles:
-        """A part of it, [3, rows, columns]."""
-        part = _cut(self.planes, place, shape)
-        return np.asarray(part) if self.table is None else self.table.take(part)
-
-
 @lru_cache(maxsize=1)
-def light_of(path: Path, white: float | None) -> Light:
-    """Light of the photograph that was looked at last; errors as of a scene's, but for its size."""
+def light_of(path: Path, white: float | None) -> NDArray[np.float16]:
+    """Linear light of the photograph that was looked at last, [3, rows, columns], white is 1; errors as of a scene's,
+    but for its size."""
     picture = read_picture(path)
     colours = checked_pixels(path, picture, white)
-    planes = np.empty((3, *colours.shape[:2]), dtype=np.uint16 if picture.coded else np.float32)
-    for plane, colour in zip(planes, (0, 1, 2) if colours.shape[2] == 3 else (0, 0, 0), strict=True):
-        values = colours[:, :, colour] * np.float32(_LAST if picture.coded else 1 / (white or 1.0))
-        plane[:] = np.rint(values) if picture.coded else values
-    if picture.coded:
-        return Light(planes, light_of_code(np.arange(_LAST + 1, dtype=np.float32) / np.float32(_LAST)))
-    if not (most := float(planes.max())) <= _MOST_LIGHT:
+    if not (most := float(colours.max()) / (white or 1.0)) <= _MOST_LIGHT:
         what = f"the photograph holds {most:.3g} times white, and half precision {_MOST_LIGHT:g}"
         raise JobError("MF121", what, where=str(path), cure="Cut its light at that, or state a brighter white")
-    return Light(planes, None)
+    planes = np.empty((3, *colours.shape[:2]), dtype=np.float16)
+    for plane, colour in zip(planes, (0, 1, 2) if colours.shape[2] == 3 else (0, 0, 0), strict=True):
+        values = colours[:, :, colour]
+        plane[:] = light_of_code(values) if picture.coded else values / np.float32(white or 1.0)
+    return planes
