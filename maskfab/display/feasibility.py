@@ -499,11 +499,14 @@ def display_rules(job: Job) -> DisplayRules | None:
 def rules_of(spec: JobSpec, emitters: EmittersSection, where: str) -> DisplayRules:
     """Rules of a display that has these [emitters], and all else as a job says; MF105 for two answers on sharing."""
     stated = spec.display or DisplaySection()
-    for name, held in (("circuits", spec.circuits), ("emitters", emitters)):
-        if stated.sharing and held is not None and held.shared_by not in (1, stated.sharing):
-            what = f"[display] has {stated.sharing} pixels share a circuit, and [{name}] has {held.shared_by}"
-            cure = f"Remove {name}.shared_by"
-            raise JobError("MF105", what, where=f"{where}: display.sharing", cure=cure)
+    keys = {"display.sharing": stated.sharing, "emitters.shared_by": emitters.shared_by}
+    keys |= {} if spec.circuits is None else {"circuits.shared_by": spec.circuits.shared_by}
+    others = {
+        key: many for key, many in keys.items() if many not in (None, spec.sharing, *((1,) if "by" in key else ()))
+    }
+    for key, many in others.items():
+        what = f"{many} pixels share a circuit by {key}, and {spec.sharing} by another key"
+        raise JobError("MF105", what, where=f"{where}: {key}", cure="State sharing of [display] alone")
     # A pitch in DPI is seldom of whole nanometres, and nothing is drawn by it.
     zone = CameraZone(spec.sharing, None if stated.normal is None else round(stated.normal * NM_PER_UM))
     return DisplayRules.of(emitters, spec.light, spec.wires, spec.circuits, spec.looks, spec.lives, zone, where=where)

@@ -727,10 +727,9 @@ class JobSpec(Section):
 
     @property
     def sharing(self) -> int:
-        """Pixels that share a circuit: by [display], else by [circuits], else by [emitters]."""
+        """Pixels that share a circuit: by [display], else by [circuits] or [emitters]."""
         stated = None if self.display is None else self.display.sharing
-        held = self.circuits or self.emitters
-        return stated or (1 if held is None else held.shared_by)
+        return stated or max((held.shared_by for held in (self.circuits, self.emitters) if held is not None), default=1)
 
     @property
     def tone(self) -> Tone:

@@ -98,7 +98,7 @@ def test_the_display_around_must_hold_its_own_circuits(tmp_path):
 
 def test_two_answers_on_sharing_are_refused(capsys, tmp_path):
     extra = EMITTERS + "shared_by = 2\n[display]\nsharing = 4\n"
-    check_refused(capsys, tmp_path, extra, "MF105", "4 pixels share a circuit")
+    check_refused(capsys, tmp_path, extra, "MF105", "2 pixels share a circuit by emitters.shared_by, and 4")
 
 
 def test_a_zone_without_emitters_is_refused(capsys, tmp_path):
