@@ -101,7 +101,6 @@ def of_pieces() -> Iterator[Row]:
         "fits_88": (0.129, 0.17),
         "bar": (0.129, 0.17),
         "density": (0.129, 0.09, 0.05),
-        "cluster": (0.129, 0.09, 0.05),
     }.items():
         opening = of_panel(name)
         yield row(f"{name}, each colour one area", whole(opening).labels)

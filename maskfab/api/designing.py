@@ -412,8 +412,9 @@ def _design(asked: Asked) -> Told:
         check_file(target, force=asked.force)
     designed = asked.found()
     if isinstance(designed, Foreseen):
-        makes = map(str, targets.values() if folder is None else (folder / name for name in (DOCUMENT, PAGE)))
-        return Told.of(replace(designed, makes=tuple(makes)))
+        files = [] if folder is None else [folder / name for name in (DOCUMENT, PAGE)]
+        made = targets or _targets(spec, job, folder and folder / f"{section_of(spec, str(job)).name}.toml")
+        return Told.of(replace(designed, makes=tuple(map(str, (*made.values(), *files)))))
     if folder is not None:
         written = designed.save(folder, force=asked.force)
         paths = {part: folder / name for part, name in designed.names.items()}
@@ -489,7 +490,7 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
         # The job's own map belongs to the opening that it names.
         own = section.map_output is not None and out is None
         targets["map"] = job.parent / str(section.map_output) if own else beside(target)["map"]
-        if section.density is not None or section.cluster is not None:
+        if section.density is not None:
             targets["outer"] = beside(target)["outer"]
     return targets
 

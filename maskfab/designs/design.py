@@ -24,7 +24,6 @@ from maskfab.camera.protocol import Protocol
 from maskfab.camera.scenes import Folder, folder
 from maskfab.camera.sensor import stated_light
 from maskfab.camera.stop_cells import PhotoCamera, lattice
-from maskfab.designs.maps.light import most_dots, shares
 from maskfab.designs.maps.shares import require_outer
 from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings
@@ -386,11 +385,9 @@ def require_able(
         raise JobError(
             "MF105", what, where=f"{where}: start", cure=f"Give a start of {section.dots} x {section.dots} dots"
         )
-    if begin is not None and isinstance(section, SearchSection):
-        others = {"density": section.density, "cluster": section.cluster}
-        if idle := [key for key, value in others.items() if value]:
-            what = f"a search with {idle[0]} begins at no single opening"
-            raise JobError("MF105", what, where=f"{where}: start", cure=f"Leave out {idle[0]}, or start")
+    if begin is not None and isinstance(section, SearchSection) and section.density is not None:
+        what = "a search with density begins at no single opening"
+        raise JobError("MF105", what, where=f"{where}: start", cure="Leave out density, or start")
     return display, seen, scenes_of(images, section)
 
 
@@ -472,40 +469,31 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
         required: least share of the pixel for each colour.
 
     Raises:
-        JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
+        JobError: MF123 where emitters need more than is closed.
     """
-    if section.cluster is not None:
-        most, _ = shares(section.clear_dots, most_dots(section))
-        key, stated, dense = "most_dots", float(most), most / section.dots**2
-    elif section.outer_dots is not None and not section.outer_dots < section.clear_dots:
+    if section.outer_dots is not None and not section.outer_dots < section.clear_dots:
         require_outer(section.outer_dots, section.clear_dots, where=f"{where}.outer_dots")
-        return
-    elif section.density is not None and section.density != "search":
-        key, stated, dense = "density", section.density, section.density
-    else:
-        return
-    require_closed(1 - dense, required, f"{key} = {stated:g}", where=f"{where}.{key}")
+    elif isinstance(section.density, float):
+        require_closed(1 - section.density, required, f"density = {section.density:g}", where=f"{where}.density")
 
 
 def require_cap(section: SearchSection, rules: Constraints, *, where: str) -> None:
     """Refuse a share of denser pixels beside which a bound leaves no emitters of any shape (MF123)."""
     display: Display | None = rules["emitters"] or None
-    if display is None or (section.cluster is None and not isinstance(section.density, float)):
+    if display is None or not isinstance(section.density, float):
         return
-    key = "density" if section.cluster is None else "most_dots"
-    dense = most_dots(section) if section.cluster is not None else round(float(section.density or 0) * section.dots**2)
+    dense = round(section.density * section.dots**2)
     required, found = display.rules.emitters.required, _largest_footprint(section, rules, dense)
     if found >= required - 1e-9:
         return
-    low = densest(section, rules, dense)
-    stated = f"{section.density:g}" if key == "density" else f"{dense}"
-    largest = f"{low / section.dots**2:.3f}" if key == "density" else f"{low}"
+    largest = densest(section, rules, dense) / section.dots**2
     what = (
-        f"{key} = {stated} is above the cap: beside no shape of {dense} dots of {', '.join(section.families)} do "
-        f"emitters cover more than {found:.1%} of the pixel, and {required:.1%} is asked"
+        f"density = {section.density:g} is above the cap: beside no shape of {dense} dots of "
+        f"{', '.join(section.families)} do emitters cover more than {found:.1%} of the pixel, and {required:.1%} is "
+        "asked"
     )
-    cure = f"Use at most {largest}, which wires may lower" + (', or density = "search"' if key == "density" else "")
-    raise JobError("MF123", what, where=f"{where}.{key}", cure=cure)
+    cure = f'Use at most {largest:.3f}, which wires may lower, or density = "search"'
+    raise JobError("MF123", what, where=f"{where}.density", cure=cure)
 
 
 def densest(section: SearchSection, rules: Constraints, high: int) -> int:

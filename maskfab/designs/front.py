@@ -5,7 +5,7 @@ footprint and the lines that pass it are measured, and only where a bound leaves
 the pixel above all that were measured before. So each curve is exact, to that step, among all shapes judged;
 footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then
 laid on the panel of a die, with its map, and held against the display by the check itself. Beside the best of a curve
-stand designs of its light with more of it in the middle of the stop, or in two pixels of every group of four.
+stand designs of its light with more of it in the middle of the stop.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
@@ -33,7 +33,7 @@ from maskfab.base.workers import EVERY_CORE, Workers
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.stop_cells import F1, PhotoCamera, lattice
 from maskfab.designs.design import densest, require_closed
-from maskfab.designs.maps.light import SIDE, Graded, Middle, clustered, graded, laid, middles
+from maskfab.designs.maps.light import Graded, Middle, graded, laid, middles
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.maps.shares import Denser
 from maskfab.designs.model.appraisal import compared_bias_um, moved_by_bias
@@ -43,7 +43,7 @@ from maskfab.designs.rules.display_fit import OF_THE_EYE, Display, Footprints, f
 from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.designs.search.panel_map import map_of
-from maskfab.designs.search.question import MAP_LEAK_SCENES, Judges, groups_of, map_seed
+from maskfab.designs.search.question import MAP_LEAK_SCENES, Judges, map_seed
 from maskfab.designs.search.result import (
     Alternatives,
     Prices,
@@ -365,18 +365,16 @@ def require_uneven(pareto: ParetoSection, section: SearchSection, display: Displ
             raise JobError("MF105", what, where=f"{where}.{key}", cure='Add map = "equal_light" to [design]')
         if isinstance(value, str):
             continue
-        if value <= (least / section.dots**2 if key == "density" else least):
+        if value <= least / section.dots**2:
             what = f"{key} = {value:g} is not above the {least} clear dots of any curve"
             raise JobError("MF104", what, where=f"{where}.{key}", cure="Ask for more in the denser pixels")
-        room = 1 - (value if key == "density" else value / section.dots**2)
-        require_closed(room, display.rules.emitters.required, f"{key} = {value:g}", where=f"{where}.{key}")
+        require_closed(1 - value, display.rules.emitters.required, f"{key} = {value:g}", where=f"{where}.{key}")
 
 
 def _uneven(pareto: ParetoSection) -> list[Uneven]:
     """Ways to share light unevenly that a sweep tries, as keys of [design]."""
     return [
         *((("density", share),) for share in sorted(set(pareto.density), key=lambda share: (share == "search", share))),
-        *((("cluster", SIDE), ("most_dots", most)) for most in sorted(set(pareto.most_dots))),
     ]
 
 
@@ -644,29 +642,13 @@ class _Sweep:
 
         assert self.error is not None
         seed, progress = map_seed(self.section), self._told(uniform.clear_dots)
-        key, amount = uneven[-1]
+        density = float(uneven[-1][1])
         try:
-            if key == "density":
-                middle = Denser(float(amount))
-                made = graded(uniform.unit, self.error, middle, find, constraints=held, seed=seed, progress=progress)
-                words = "{} dots in the middle, {} beyond"
-            else:
-                worth, groups = self._groups.expected, self._groups.panel
-                made = clustered(
-                    uniform.unit,
-                    self.error,
-                    int(amount),
-                    find,
-                    worth,
-                    groups,
-                    constraints=held,
-                    seed=seed,
-                    progress=progress,
-                )
-                words = "{} and {} dots, in groups of 2 x 2"
+            middle = Denser(density)
+            made = graded(uniform.unit, self.error, middle, find, constraints=held, seed=seed, progress=progress)
         except InputError as refusal:
-            return f"{key} {float(amount):g}, {lines} lines: {refusal.code} {refusal.what}"
-        shape = words.format(*(int(unit.sum()) for unit in made.units))
+            return f"density {density:g}, {lines} lines: {refusal.code} {refusal.what}"
+        shape = "{} dots in the middle, {} beyond".format(*(int(unit.sum()) for unit in made.units))
         return self._of_graded(made, uniform, shape, uneven, lines)
 
     def _of_graded(
@@ -714,10 +696,6 @@ class _Sweep:
             else:
                 misfits.append(point)
         return points, misfits
-
-    @cached_property
-    def _groups(self) -> Judges:
-        return groups_of(self.panels, SIDE, self.rules.dot_nm)
 
     def _told(self, count: int) -> Progress:
         return lambda stage, done, total: self.progress(f"{count} clear dots: {stage}", done, total)

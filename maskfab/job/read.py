@@ -152,22 +152,15 @@ def _check_search(design: SearchSection, where: str) -> None:
         ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
         ("density", design.density != "search" or design.fit, "a display to fit", "Add fit = true"),
         ("outer_dots", design.density is not None, "a denser middle", 'Add density, such as "search"'),
-        ("cluster", design.map is not None, "a map", 'Add map = "equal_light"'),
-        ("most_dots", design.cluster is not None, "groups of pixels", "Add cluster = 2"),
         ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),
     )
     for key, met, needed, cure in needs:
         if key in stated and getattr(design, key) is not None and not met:
             raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
-    pairs = [("density", "positions"), ("density", "joint")]
-    pairs += [("cluster", "positions"), ("cluster", "joint"), ("cluster", "density")]
-    if design.shortlist > 1:
-        pairs += [("density", "shortlist"), ("cluster", "shortlist")]
-    idle = {"density": design.density is not None, "cluster": design.cluster is not None}
-    for key, needless in pairs:
-        if idle[key] and needless in stated:
-            what = f"{key} = {getattr(design, key)!r} makes {needless} useless"
-            raise JobError("MF105", what, where=f"{where}.{needless}", cure=f"Remove {needless}, or {key}")
+    for needless in ("positions", "joint", *(("shortlist",) if design.shortlist > 1 else ())):
+        if design.density is not None and needless in stated:
+            what = f"density = {design.density!r} makes {needless} useless"
+            raise JobError("MF105", what, where=f"{where}.{needless}", cure=f"Remove {needless}, or density")
 
 
 def _asked(design: DesignSection) -> set[str]:

@@ -181,9 +181,7 @@ class SearchSection(DesignSection):
     map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
     are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
     of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``outer_dots``
-    the rest is stated, and the middle as large as the light leaves; with "search" the share is found. With ``cluster``
-    two pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as
-    one.
+    the rest is stated, and the middle as large as the light leaves; with "search" the share is found.
     """
 
     clear_dots: int = Field(default=0, ge=0)
@@ -216,14 +214,10 @@ class SearchSection(DesignSection):
     outer_dots: int | None = Field(default=None, ge=1)
     """Clear dots of cells beyond the middle, whose radius follows; default: the middle is half of the stop, and with
     density = "search" as large as the light of 1 to 3 dots beyond it leaves."""
-    cluster: Literal[2] | None = None
-    """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
-    most_dots: int | None = Field(default=None, ge=1)
-    """Clear dots of the denser pixels of such a group; default: half as many again as clear_dots."""
 
     @checks
     def _counted(self) -> None:
-        uneven = [f"with {key} for two openings" for key in ("density", "cluster") if getattr(self, key) is not None]
+        uneven = [] if self.density is None else ["with density, for two openings"]
         lacking = ["without fit = true", *uneven][self.fit :]
         if self.clear_dots == 0 and lacking:
             what = f"no number of clear dots is chosen {lacking[0]}"
@@ -285,8 +279,6 @@ class ParetoSection(Section):
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
     light of each curve. "search" finds ``points`` of them, gain against grain, for the most lines; limits of the eye
     in [design.rules] are drawn and not kept there."""
-    most_dots: Annotated[tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...], Field(max_length=16, strict=False)] = ()
-    """Clear dots of the denser pixels of groups of 2 x 2, as most_dots of [design]: a design for each, likewise."""
 
 
 class EmittersSection(Section):

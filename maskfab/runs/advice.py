@@ -533,7 +533,7 @@ def _reach(name: str, spec: JobSpec, where: str, scenes: Sequence[Photograph], c
     if clock.over:
         return Reach(name, why=_LONGER)
     most = max(int((1 - 3 * emitters.required) * section.dots**2), least + 1)
-    plain = {"clear_dots": most, "shortlist": 1, "density": None, "cluster": None}
+    plain = {"clear_dots": most, "shortlist": 1, "density": None}
     asked = section.model_copy(update=plain)
     rules = constraints_of(asked, display=stated_display(spec, asked, where, key="design.fit"))
     # Crooked emitters take most of the time; without them all are compared alike.
@@ -552,7 +552,7 @@ def _reach(name: str, spec: JobSpec, where: str, scenes: Sequence[Photograph], c
 def _denser(spec: JobSpec, section: SearchSection, where: str, images: Path | None, clock: Clock) -> Reach:
     """More light in the middle of the stop, with its map; takes minutes."""
     name, left = "more light in the middle of the stop", clock.left()
-    if section.map is None or section.density is not None or section.cluster is not None:
+    if section.map is None or section.density is not None:
         return Reach(name, why="the job has no map, or shares its light unevenly already")
     if left is not None and left < _DENSER_S:
         return Reach(name, why=f"takes {_DENSER_S / 60:g} minutes: give --budget '10 min'")

@@ -31,7 +31,7 @@ def test_a_design_is_told_beforehand(capsys: pytest.CaptureFixture[str], tmp_pat
     out = tmp_path / "out"
     told = command(capsys, "design", FITS, "-o", out, "--dry-run", "--json", "--budget", "40 s").document
     assert told["budget_s"] == 40
-    assert told["makes"] == [str(out / "design.json"), str(out / "design.html")]
+    assert told["makes"] == [str(out / name) for name in ("fits.toml", "fits_map.toml", "design.json", "design.html")]
     assert "for an opening" in told["work"]
     assert not out.exists()
     assert "not estimated" in str(mf.design(FITS, dry_run=True))

@@ -58,20 +58,6 @@ def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: 
     assert found.prices.together >= 0
 
 
-@pytest.mark.parametrize(
-    ("most", "told"),
-    [
-        (25, r"MF104.*most_dots = 25 .*design\.most_dots.*Choose 26 to 49"),
-        (49, r"MF123.*most_dots = 49 leaves 59\.5%.*20\.0% are 0\.5% .*design\.most_dots"),
-    ],
-)
-def test_groups_that_cannot_share_so_are_refused_at_once(tmp_path: Path, most: int, told: str) -> None:
-    asked = f'fit = true\nmap = "equal_light"\nshortlist = 1\ncluster = 2\nmost_dots = {most}'
-    path = job_of(tmp_path, ("fit = true", asked), ("required = 0.1", "required = 0.2"))
-    with pytest.raises(JobError, match=told):
-        check_possible(read(path), where=str(path))
-
-
 @pytest.mark.slow
 def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))

@@ -213,14 +213,6 @@ def test_uneven_light_is_that_of_its_curve_and_fits(
     assert shown.broken_on(shown.die(design.opening.mask, DOT_NM, design.map, design.outer.mask)) is None
 
 
-@pytest.mark.slow
-def test_light_in_groups_is_that_of_its_curve(scenes: tuple[Photograph, ...]) -> None:
-    curve, _ = uneven(scenes, most_dots=[16])
-    (grouped,) = curve.denser
-    assert grouped.uneven == (("cluster", 2), ("most_dots", 16))
-    assert sorted(int(unit.sum()) for unit in grouped.units) == [8, 16]
-
-
 @pytest.mark.parametrize(
     ("density", "changed", "code"), [(0.5, {"map": None}, "MF105"), (0.1, {}, "MF104"), (0.9, {}, "MF123")]
 )

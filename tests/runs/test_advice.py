@@ -23,6 +23,7 @@ from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
 from maskfab.findings import photographs
 from maskfab.job.read import read
+from maskfab.job.sections import SceneSection
 from maskfab.mask.job import resolve
 from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
@@ -304,6 +305,12 @@ def test_a_photograph_that_a_reader_can_judge_stands_beside_the_drawn_scenes(ans
 def test_no_photograph_is_no_fault(answer, monkeypatch):
     monkeypatch.setattr(page_of_advice, "portrait", lambda: None)
     assert "portrait_told" not in page_of_advice.pictures(answer.found)
+
+
+def test_a_scene_that_takes_its_time_gets_no_photograph_more(answer):
+    job = answer.found.job
+    seen = replace(job, spec=job.spec.model_copy(update={"scene": SceneSection()}))
+    assert "portrait_told" not in page_of_advice.pictures(replace(answer.found, job=seen))
 
 
 def test_the_verdict_says_what_it_is_no_verdict_on(answer):

@@ -6,11 +6,6 @@ in its middle passes more at the frequencies that pictures live from. Where the 
 sought: numbers of dots from the most that emitters leave downwards, then ever closer round the best, each with its best
 shapes that the display fits on any map and whose light keeps the eye's rules.
 
-Clustered: two pixels of every group of 2 x 2 hold a denser unit, two a sparser one: larger openings scatter less light.
-A group is laid and turned as one. The map chooses among several arrangements of a group, which differ in what each of
-its pixels holds and in how that is turned within the group, so that groups do not repeat on a lattice, whose orders
-would be seen.
-
 All cells have one plan of emitters, which keeps clear of both units: they are as large as the denser cell lets them be,
 and no colour, luminance or life differs from cell to cell. The sparser unit is turned so that it lies behind the denser
 one as far as it can, where it takes no room of its own.
@@ -32,7 +27,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Mask
 from maskfab.base.errors import InputError, JobError
-from maskfab.base.model import ORIENTATIONS, frozen, orient, side_by_side
+from maskfab.base.model import ORIENTATIONS, frozen, orient
 from maskfab.base.work import Progress, silent
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.designs.maps.shares import SPARSEST, Denser, Shares, beside, covered, require_outer, stated
@@ -41,9 +36,7 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit, Display, fitting_die
 from maskfab.display.drive import LightDemand, relative_life
 from maskfab.display.placement import footprint
-from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
-from maskfab.optics.tiling import MOST_OPENINGS
 
 _TRIED = 12
 """Pairs of units for which a map is designed before a display is said not to hold them."""
@@ -418,160 +411,3 @@ def display_price(uniform: Mask, units: Mask, constraints: Constraints) -> tuple
     light = LightDemand() if display is None else display.rules.light
     # At equal luminance the current density goes with one over the area.
     return before, share, relative_life(before / share, 1.0, light.ageing_exponent)
-
-
-SIDE = 2
-"""Pixels along a group."""
-
-
-_UNITS = 24
-"""Denser and sparser units, each, of which pairs are drawn."""
-
-
-_PAIRS, _ARRANGED = 400, 600
-"""Arrangements drawn of all pairs, and of the pair that is taken."""
-
-
-_BEST = 150
-"""Of the latter, the best, among which the map's are spread: more alike ones would leave it less to choose from."""
-
-
-_MARKS = np.arange(9).reshape(3, 3)
-
-
-Worth = Callable[[Mask], float]
-"""Value of a group, bool [2 dots, 2 dots], the groups turned at random; higher is better."""
-
-
-@dataclass(frozen=True)
-class Arrangement:
-    """Contents of a group's pixels.
-
-    Attributes:
-        held: the unit of each, 0 the denser one, row by row from the lower left.
-        turned: the element of D4 under which it lies there.
-    """
-
-    held: tuple[int, ...]
-    turned: tuple[int, ...]
-
-    def group(self, units: Mask) -> Mask:
-        """The group of these units, bool [2, dots, dots], as bool [2 dots, 2 dots]."""
-        cells = np.stack([orient(units[u], k) for u, k in zip(self.held, self.turned, strict=True)])
-        return side_by_side(cells.reshape(SIDE, SIDE, *cells.shape[1:]))
-
-    def cells(self, element: int) -> NDArray[np.int8]:
-        """Contents of the pixels of a turned group, int8 [2, 2]: 8 u + k for unit u under element k."""
-        here = np.array(self.held).reshape(SIDE, SIDE)
-        turned = np.array([_in_turn(k, element) for k in self.turned]).reshape(SIDE, SIDE)
-        return orient(ORIENTATIONS * here + turned, element).astype(np.int8)
-
-
-def clustered(
-    uniform: Mask,
-    error: PanelError,
-    most_dots: int,
-    find: Callable[[int], Iterable[Mask]],
-    worth: Worth,
-    groups: PanelError,
-    *,
-    constraints: Constraints,
-    seed: int = 0,
-    kicks: int = 0,
-    progress: Progress = silent,
-) -> Graded:
-    """Design a panel of groups whose pixels share their light unevenly, at equal light.
-
-    Args:
-        uniform: bool [dots, dots], the unit of the panel that is compared with.
-        most_dots: clear dots of the denser unit; the sparser one has as many fewer.
-        find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
-
-    Raises:
-        JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many; MF123 for units
-            that break the constraints, or a display that fits no pair of them on its map.
-    """
-    mask = np.asarray(uniform, dtype=np.bool_)
-    first = error.laid(mask, seed=seed)
-    clear = round(float(first.sum()))
-    why = "none was found"
-    counts = shares(int(mask.sum()), most_dots)
-    for units in islice(_group_pairs(find, counts, worth, seed), _TRIED):
-        if broken := constraints.broken_beside(units):
-            why = f"they break {broken} where they meet"
-            continue
-        arranged = _spread(units, worth, seed)
-        designed = design_map(
-            np.stack([arrangement.group(units) for arrangement in arranged]),
-            groups,
-            mode=MapMode.EQUAL_LIGHT,
-            seed=seed,
-            kicks=kicks,
-            light=clear,
-            progress=progress,
-        )
-        contents = np.stack([arrangement.cells(k) for arrangement in arranged for k in range(ORIENTATIONS)])
-        held = side_by_side(contents[designed.orientations])
-        # Groups take up to one pixel more on each side than the cells that cover the stop.
-        spare = (SIDE * len(designed.orientations) - error.cells) // 2
-        covering = slice(spare, spare + error.cells)
-        pixels = replace(designed, orientations=held[covering, covering])
-        fit, lines = shown(units, pixels.orientations, constraints)
-        if fit is not None and fit.why is not None:
-            why = fit.why
-            continue
-        return Graded(units, pixels, error.psnr(first), clear, *display_price(mask, units, constraints), fit, lines)
-    what = f"no pair of openings of {' and '.join(map(str, counts))} clear dots keeps the rules in groups: {why}"
-    raise JobError("MF123", what, where="most_dots", cure="Choose fewer most_dots, or relax that rule")
-
-
-def most_dots(section: SearchSection) -> int:
-    """Clear dots of the denser pixels of a group."""
-    return 3 * section.clear_dots // 2 if section.most_dots is None else section.most_dots
-
-
-def shares(clear_dots: int, most_dots: int) -> tuple[int, int]:
-    """Clear dots of the denser and the sparser unit for the light of a uniform panel.
-
-    Raises:
-        JobError: MF104 for dots that are not more than the uniform unit's and less than twice as many.
-    """
-    if not clear_dots < most_dots < 2 * clear_dots:
-        what = f"most_dots = {most_dots} is not above the {clear_dots} clear dots of a pixel and below twice as many"
-        cure = f"Choose {clear_dots + 1} to {2 * clear_dots - 1}" if clear_dots > 1 else "Ask for more clear_dots"
-        raise JobError("MF104", what, where="design.most_dots", cure=cure)
-    return most_dots, 2 * clear_dots - most_dots
-
-
-def _group_pairs(
-    find: Callable[[int], Iterable[Mask]], counts: tuple[int, int], worth: Worth, seed: int
-) -> Iterator[Mask]:
-    """Denser and sparser units, bool [2, dots, dots], in the order of the best arrangement that was drawn of them."""
-    dense, sparse = (list(islice(find(count), _UNITS)) for count in counts)
-    draw = np.random.default_rng([seed, 2])
-    best: dict[tuple[int, int], float] = {}
-    for _ in range(_PAIRS):
-        pair = int(draw.integers(len(dense))), int(draw.integers(len(sparse)))
-        units = np.stack([dense[pair[0]], behind(sparse[pair[1]], dense[pair[0]], range(ORIENTATIONS))])
-        best[pair] = max(best.get(pair, -np.inf), worth(_drawn(draw).group(units)))
-    for i, j in sorted(best, key=lambda pair: -best[pair]):
-        yield np.stack([dense[i], behind(sparse[j], dense[i], range(ORIENTATIONS))])
-
-
-def _spread(units: Mask, worth: Worth, seed: int) -> list[Arrangement]:
-    """Arrangements for the map to choose from, spread over the best that were drawn."""
-    draw = np.random.default_rng([seed, 3])
-    drawn = list(dict.fromkeys(_drawn(draw) for _ in range(_ARRANGED)))
-    drawn.sort(key=lambda arrangement: -worth(arrangement.group(units)))
-    return drawn[:_BEST][:: _BEST // MOST_OPENINGS][:MOST_OPENINGS]
-
-
-def _drawn(draw: np.random.Generator) -> Arrangement:
-    held = draw.permutation(np.repeat([0, 1], SIDE**2 // 2))
-    return Arrangement(tuple(held.tolist()), tuple(draw.integers(ORIENTATIONS, size=SIDE**2).tolist()))
-
-
-def _in_turn(first: int, then: int) -> int:
-    """The element of D4 that does both."""
-    moved = orient(orient(_MARKS, first), then)
-    return next(k for k in range(ORIENTATIONS) if np.array_equal(orient(_MARKS, k), moved))

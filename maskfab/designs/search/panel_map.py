@@ -13,7 +13,7 @@ from maskfab.base.model import ORIENTATIONS
 from maskfab.base.processes import SerialExecutor
 from maskfab.base.work import Clock
 from maskfab.designs.maps.alternation import joint, laid
-from maskfab.designs.maps.light import Graded, clustered, graded, most_dots
+from maskfab.designs.maps.light import Graded, graded
 from maskfab.designs.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode
 from maskfab.designs.maps.shares import Denser
 from maskfab.designs.model.expected_psnr import Surrogate
@@ -23,7 +23,6 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.question import (
     Prepared,
-    groups_of,
     map_seed,
 )
 from maskfab.designs.search.result import (
@@ -85,7 +84,7 @@ def mapped(ready: Prepared, chosen: Listed) -> Mapped:
     section, error, unit, rules = ready.section, ready.panel, chosen.shape.unit, chosen.rules
     if section.map is None or error is None:
         return Mapped(unit)
-    if section.density is not None or section.cluster is not None:
+    if section.density is not None:
         return _of_two(ready, unit, rules, error)
     return _of_one(ready, chosen, error, MapMode(section.map))
 
@@ -137,40 +136,25 @@ def _kicks(rules: Constraints, clock: Clock) -> int:
 
 
 def _of_two(ready: Prepared, unit: Mask, rules: Constraints, error: PanelError) -> Mapped:
-    """A map of two openings: a denser middle, or denser pixels of every group."""
+    """A map of two openings, the denser one in the middle."""
     section, clock, progress = ready.section, ready.stages.map, ready.question.progress
     kicks, seed = _kicks(rules, clock), map_seed(section)
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     room = None
-    if section.density is not None:
-        asked = Denser(section.density, section.outer_dots)
-        kept = rules.on_any_map if asked.sought else rules
-        made = graded(unit, error, asked, ready.of_count, constraints=kept, seed=seed, kicks=kicks, progress=progress)
-        if ready.stages.bounded:
-            pupil = error.laid(made.units, made.designed.orientations)
-            room = _head_room(ready.judges.estimate, error, pupil, ready.question.executor)
-    else:
-        assert section.cluster is not None
-        groups = groups_of(ready.map_judges, section.cluster, rules.dot_nm)
-        made = clustered(
-            unit,
-            error,
-            most_dots(section),
-            ready.of_count,
-            groups.expected,
-            groups.panel,
-            constraints=rules,
-            seed=seed,
-            kicks=kicks,
-            progress=progress,
-        )
+    assert section.density is not None
+    asked = Denser(section.density, section.outer_dots)
+    kept = rules.on_any_map if asked.sought else rules
+    made = graded(unit, error, asked, ready.of_count, constraints=kept, seed=seed, kicks=kicks, progress=progress)
+    if ready.stages.bounded:
+        pupil = error.laid(made.units, made.designed.orientations)
+        room = _head_room(ready.judges.estimate, error, pupil, ready.question.executor)
     return _priced_by_the_display(ready, made, error, notes, room)
 
 
 def _priced_by_the_display(
     ready: Prepared, made: Graded, error: PanelError, notes: tuple[str, ...], room: tuple[float, ...] | None
 ) -> Mapped:
-    section, denser = ready.section, "middle" if ready.section.density is not None else "pixels of a group"
+    section = ready.section
     facts = {
         **ready.made,
         **by_level("graded_gain_db", made.gain_db, error.levels),
@@ -179,7 +163,7 @@ def _priced_by_the_display(
         "emitter_life_ratio": round(made.life_ratio, 4),
     }
     price = (
-        f"The display pays for the denser {denser}: emitters, alike in all cells, of {made.share:.1%} of the pixel in "
+        f"The display pays for the denser middle: emitters, alike in all cells, of {made.share:.1%} of the pixel in "
         f"each colour instead of {made.uniform_share:.1%}, which live {made.life_ratio:.2f} as long at equal luminance."
     )
     if made.denser_cells:

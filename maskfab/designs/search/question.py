@@ -221,7 +221,7 @@ def prepare(question: Question) -> Prepared:
 
 def for_any_map(section: SearchSection) -> bool:
     """Whether a map of one opening is designed, by photographs."""
-    return section.map is not None and (section.density, section.cluster) == (None, None)
+    return section.map is not None and section.density is None
 
 
 def started(
@@ -286,10 +286,3 @@ def _stages(
 def map_seed(section: SearchSection) -> int:
     """Seed of the random map that a map starts from."""
     return section.seed if section.tiling_seed is None else section.tiling_seed
-
-
-def groups_of(panels: Judges, side: int, dot_nm: int) -> Judges:
-    """Judges of groups, so many pixels along a side, by the same photographs as those of single pixels."""
-    room = lattice(side * panels.section.dots, dot_nm, camera=panels.room.camera)
-    require_size(room)
-    return replace(panels, room=room)

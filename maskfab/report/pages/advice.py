@@ -359,7 +359,7 @@ def _build(advised: Advised) -> tuple[str, str, list[Document]]:
         f"{opening.clear_dots} clear dots of {dot_um:g} µm in each pixel of {pitch_um:g} µm, {opening.open_ratio:.1%} "
         f"of it: {designed.shape}; {laid}.{_shares(advised, turned, by_map)}",
         f"Gains are over the same opening with all cells laid alike, at {designed.levels[at]:.3g} dB of light "
-        f"(signal-to-noise of white): {_MODEL}. {explained(dot_um, designed.shape)}.",
+        f"(signal-to-noise of white): {_MODEL}. {explained(dot_um, designed.shape) or designed.shape}.",
         rows,
     )
 
@@ -635,9 +635,9 @@ def pictures(advised: Advised) -> dict[str, str]:
 
 def _portraits(advised: Advised) -> dict[str, str]:
     """``<img>`` elements of one photograph that a reader can judge, before, after and as it is, and a caption; none
-    where brackets ask for highlights, or there is no photograph."""
+    where brackets ask for highlights, a scene takes its time, or there is no photograph."""
     conditions, level, job, scene = advised.photographs.conditions, advised.level_db, advised.job, portrait()
-    if scene is None or conditions.protocol.brackets:
+    if scene is None or conditions.protocol.brackets or job.spec.scene is not None:
         return {}
     panels = {die.name: die.panel for die in plate_as_seen(job, job.plate()).dies}
     shots: list[Shot] = []
