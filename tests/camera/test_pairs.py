@@ -23,7 +23,7 @@ from maskfab.display.pictures import read_picture
 from maskfab.findings.photographs import Conditions, Surroundings
 from maskfab.mask.formats.exr import write_exr, write_png
 from maskfab.mask.job import Job
-from maskfab.optics.colour import code_of_light
+from maskfab.optics.colour import code_of_light, light_of_code
 
 CAMERA = mf.Camera("10 mm", stop="1 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
 SENSOR = {"bits": 12, "black_level": 200, "mosaic": "rggb", "full_well": 15000.0, "read_noise": 6.0}
@@ -167,15 +167,18 @@ def test_noise_has_the_mean_and_the_variance_of_the_sensor(even: Path) -> None:
     )
 
 
-def test_blurred_light_is_that_of_simulate(tmp_path: Path) -> None:
+@pytest.mark.parametrize("scene_keys", [{}, {"accuracy": 0.02, "focus": "0.5 m"}])
+def test_blurred_light_is_that_of_simulate(scene_keys: dict[str, object], tmp_path: Path) -> None:
+    sections = {"sensor": SENSOR} | ({"scene": scene_keys} if scene_keys else {})
+    job = mf.Plate.of({"NARROW": die("NARROW", 5), "WIDE": die("WIDE", 13)}, sections=sections).job(CAMERA)
     photograph = leaves(5, 768, 768)
     write_png(photograph.values, tmp_path / "one.png")
-    pairs = mf.pairs(JOB, tmp_path, count=6, levels=[40])
+    pairs = mf.pairs(job, tmp_path, count=6, levels=[40])
     whole = scene("one", read_picture(tmp_path / "one.png").values)
-    conditions = Conditions.of(JOB, "camera")
+    conditions = Conditions.of(job, "camera")
     for number in range(6):
         pair = pairs[number]
-        design, _ = conditions.design(pair["die"], JOB.panels()[pair["die"]], Surroundings.of(JOB))
+        design, _ = conditions.design(pair["die"], job.panels()[pair["die"]], Surroundings.of(job))
         for light, rounded in ((whole.light.astype(np.float16).astype(np.float32), 2**-11), (whole.light, 2**-10)):
             seen = conditions.protocol.seen(design, replace(whole, measured=light))[:, 128:384, 128:384]
             np.testing.assert_allclose(pair["blurred"].astype(float), seen, rtol=rounded, atol=1e-6)
@@ -183,6 +186,24 @@ def test_blurred_light_is_that_of_simulate(tmp_path: Path) -> None:
             pair["clean"].astype(float), whole.light[:, 256:512, 256:512], rtol=2**-11, atol=1e-7
         )
         assert (pair["top"], pair["left"]) == (256, 256)
+
+
+def test_light_that_falls_into_a_crop_from_outside_is_the_photographs_own(photos: Path, whole: Path) -> None:
+    pairs = given(photos)
+    for number in range(0, 600, 50):
+        pair = pairs[number]
+        with np.load(whole / "psf" / f"{pair['die']}.npz") as file:
+            psf, beyond = file["psf"], float(file["beyond"])
+        light = light_of_code(read_picture(photos / pair["photograph"]).values.transpose(2, 0, 1))
+        reach = psf.shape[1] // 2
+        for row, column in ((0, 0), (0, 31), (17, 9)):
+            y, x = pair["top"] + row, pair["left"] + column
+            around = light[:, y - reach : y + reach + 1, x - reach : x + reach + 1]
+            summed = (psf[:, ::-1, ::-1] * around).sum(axis=(1, 2))
+            # Light from farther is of another place, here as bright as the mean, more or less.
+            summed += (1 - psf.sum(axis=(1, 2))) * light.mean(axis=(1, 2))
+            np.testing.assert_array_less(abs(pair["blurred"][:, row, column] - summed), beyond / 2)
+            assert beyond < 0.1
 
 
 @pytest.mark.parametrize("bits", [8, 10])
