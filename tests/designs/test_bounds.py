@@ -134,6 +134,19 @@ def test_least_over_every_filter_is_that_of_all_found_in_full(periodic):
     assert found == pytest.approx([min(full)], rel=1e-5)
 
 
+def test_filters_that_nobody_would_take_loosen_no_bound():
+    """At the least ε light costs next to nothing without the multiplier of short lags, which must be sought all the
+    same."""
+    inner = interior(surrogate([leaves(1)], 20, dot_nm=4_000))
+    classes, ratio = residues(inner, periodic=False), 0.11
+    variance = inner.noise.variance(24, ratio)
+    every, likely = (
+        residue_errors(replace(inner, strengths=some), classes, ratio, [variance], periodic=False)[0]
+        for some in ((inner.strengths[0], inner.strengths[9]), inner.strengths[9:10])
+    )
+    assert every == pytest.approx(likely, rel=1e-3)
+
+
 def test_bounds_are_in_order(bounded):
     limit = bounded.limit
     for k in range(3):
