@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Complexes, Floats, Singles
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError
-from maskfab.base.model import ORIENTATIONS, Panel, Tiling, orient, refined, side_by_side
+from maskfab.base.model import ORIENTATIONS, Panel, Tiling, frozen, orient, refined, side_by_side
 from maskfab.base.units import NM_PER_UM
 from maskfab.camera.imaging import Isoplanatic
 from maskfab.job.camera import Camera, Stop
@@ -343,6 +344,12 @@ def pupil_autocorrelation(pupil: Lagged) -> Lagged:
     return np.asarray(table[np.ix_(lags, lags)])
 
 
+@lru_cache(maxsize=1)
+def _open_table(room: CellGrid) -> Floats:
+    """Autocorrelation of the open stop; of every colour, and of one design's every judge, the same."""
+    return frozen(pupil_autocorrelation(room.stop.astype(np.float64)))
+
+
 def at_lags(table: Lagged, y: NDArray[np.int64], x: NDArray[np.int64]) -> Lagged:
     """An autocorrelation [2n - 1, 2n - 1] at whole lags, 0 beyond."""
     reach = len(table) // 2
@@ -375,9 +382,9 @@ class OpenStop:
         amplitude: Complexes | None = None,
     ) -> OpenStop:
         """The open stop at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
-        table = pupil_autocorrelation(room.stop.astype(np.float64) if amplitude is None else amplitude)
+        table = _open_table(room) if amplitude is None else pupil_autocorrelation(amplitude)
         area = float(table[room.side - 1, room.side - 1].real)
-        table /= area
+        table = table / area
         if np.iscomplexobj(table) and abs(table.imag).max() < _ROUNDING:
             table = np.ascontiguousarray(table.real)
         orders = max(_FOLDED, room.camera.orders(wavelength_nm))

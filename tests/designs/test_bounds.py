@@ -95,19 +95,21 @@ def test_no_unit_passes_its_bounds(bounded, count):
             assert around.of_unit(unit, periodic=limit.periodic) <= limit.auc, k
 
 
-@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=1, max_size=15))
-def test_dear_bounds_are_found_only_where_they_decide(pairs):
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=1, max_size=15), st.data())
+def test_dear_bounds_are_found_only_where_they_decide(pairs, data):
     asked = []
+    cheap = [min(pair) for pair in pairs]
 
     def refined(place):
         asked.append(place)
         return pairs[place][1]
 
-    rough = [cheap for cheap, _ in pairs]
-    assert least_refined(rough, refined) == min(max(pair) for pair in pairs)
+    first = data.draw(st.integers(0, len(pairs) - 1))
+    least = min(dear for _, dear in pairs)
+    assert least_refined(len(pairs), lambda low, high: min(cheap[low:high]), refined, first) == least
     assert len(set(asked)) == len(asked)
     # Those whose cheap bound lies above the least are left alone.
-    assert all(rough[place] <= min(max(pair) for pair in pairs) for place in asked)
+    assert all(cheap[place] <= least for place in asked if place != first)
 
 
 def of_epsilon(inner, epsilon, level, ratio=RATIO):
@@ -117,8 +119,8 @@ def of_epsilon(inner, epsilon, level, ratio=RATIO):
 
 
 def found_in_full(nodes, cost, classes, ratio, *, periodic):
-    dual = ResidueDual.of(nodes, [cost], classes, ratio, periodic=periodic)
-    return dual.refined(*dual.of_mean())[0]
+    dual = ResidueDual.of(nodes, cost.__getitem__, classes, ratio, periodic=periodic)
+    return dual.refined()[0]
 
 
 @pytest.mark.parametrize("periodic", [False, True], ids=["turned", "repeated"])
@@ -129,7 +131,20 @@ def test_least_over_every_filter_is_that_of_all_found_in_full(periodic):
     costs = [of_epsilon(inner, epsilon, 32, ratio) for epsilon in inner.strengths]
     full = [found_in_full(*each, classes, ratio, periodic=periodic) for each in costs]
     found = residue_errors(inner, classes, ratio, [variance], periodic=periodic)
-    assert found == pytest.approx([min(full)], rel=1e-9)
+    assert found == pytest.approx([min(full)], rel=1e-5)
+
+
+def test_filters_that_nobody_would_take_loosen_no_bound():
+    """At the least ε light costs next to nothing without the multiplier of short lags, which must be sought all the
+    same."""
+    inner = interior(surrogate([leaves(1)], 20, dot_nm=4_000))
+    classes, ratio = residues(inner, periodic=False), 0.11
+    variance = inner.noise.variance(24, ratio)
+    every, likely = (
+        residue_errors(replace(inner, strengths=some), classes, ratio, [variance], periodic=False)[0]
+        for some in ((inner.strengths[0], inner.strengths[9]), inner.strengths[9:10])
+    )
+    assert every == pytest.approx(likely, rel=1e-3)
 
 
 def test_bounds_are_in_order(bounded):
@@ -201,7 +216,7 @@ def test_best_filter_at_each_frequency_is_no_worse_than_any_of_the_protocol(inne
             assert (best <= of_filter(inner, h, variance, epsilon * inner.inverse_prior) * (1 + 1e-12)).all()
     classes = residues(inner, periodic=False)
     found = [
-        ResidueDual.of(nodes, [cost], classes, RATIO, periodic=False).of_mean()[0]
+        ResidueDual.of(nodes, cost.__getitem__, classes, RATIO, periodic=False).of_mean()[0]
         for nodes, cost in (
             wiener_cost(each, variance, RATIO) for each in (replace(inner, strengths=(1e-9, 1e9)), inner)
         )
@@ -214,7 +229,7 @@ def test_best_filter_at_each_frequency_is_no_worse_than_any_of_the_protocol(inne
 def test_constraints_only_tighten_the_dual(inner):
     nodes, cost = of_epsilon(inner, 0.02, 32)
     classes = residues(inner, periodic=False)
-    rough = ResidueDual.of(nodes, [cost], classes, RATIO, periodic=False).of_mean()[0]
+    rough = ResidueDual.of(nodes, cost.__getitem__, classes, RATIO, periodic=False).of_mean()[0]
     assert rough <= found_in_full(nodes, cost, classes, RATIO, periodic=False)
 
 
@@ -230,7 +245,7 @@ def test_more_clear_dots_allow_more(inner):
     for clear in (40, 88, 100, 200):
         nodes, cost = of_epsilon(inner, 0.02, 32, clear / DOTS**2)
         classes = residues(inner, periodic=True)
-        found.append(ResidueDual.of(nodes, [cost], classes, clear / DOTS**2, periodic=True).of_mean()[0])
+        found.append(ResidueDual.of(nodes, cost.__getitem__, classes, clear / DOTS**2, periodic=True).of_mean()[0])
     assert found == sorted(found, reverse=True)
     around = rings(DOTS)
     areas = [auc_bound(around, clear, periodic=True) for clear in (1, 40, 88, 100, 441)]

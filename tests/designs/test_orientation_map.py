@@ -12,6 +12,7 @@ from maskfab.base.errors import JobError, OpeningError
 from maskfab.base.model import ORIENTATIONS, orient
 from maskfab.camera.stop_cells import CELLS, lattice, lay, pupil_autocorrelation
 from maskfab.designs.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
+from maskfab.designs.model import panel_error
 from maskfab.designs.model.panel_error import pupil_error
 
 DOTS = 7
@@ -26,6 +27,14 @@ def bar(high=5, wide=2):
 @pytest.fixture(scope="module")
 def designed(error):
     return {mode: design_map(bar(), error, mode=mode, kicks=0) for mode in MapMode}
+
+
+@pytest.fixture(scope="module")
+def fine(estimate):
+    """With steps of maps judged by every second lag, as those of finer dots are."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(panel_error, "_MOST_FREQUENCIES", 60)
+        return pupil_error(estimate, (24, 40))
 
 
 def searched(error, units, seed=0, mode=MapMode.EDGE_PACKING):
@@ -90,9 +99,29 @@ def test_half_a_turn_of_the_whole_panel_changes_nothing(error):
     np.testing.assert_allclose(error.psnr(pupil[::-1, ::-1]), error.psnr(pupil), rtol=1e-6)
 
 
+def test_fewer_lags_are_some_of_all(fine):
+    pupil = lay("bar", bar()).pupil
+    steps = fine.of_steps
+    assert (fine.stride, steps.stride) == (1, 2)
+    every, some = fine.table(pupil), steps.table(pupil)
+    reach = min(steps.reach, fine.reach // 2)
+    ours = some[: reach + 1, steps.reach - reach : steps.reach + reach + 1]
+    columns = slice(fine.reach - 2 * reach, fine.reach + 2 * reach + 1, 2)
+    assert np.array_equal(ours, every[: 2 * reach + 1 : 2, columns])
+    assert np.array_equal(steps._table(pupil)[1], some)
+
+
+def test_a_map_whose_steps_fewer_lags_judge_is_about_as_good_and_told_by_all(fine, designed):
+    found = design_map(bar(), fine, kicks=0)
+    assert found.psnr == fine.psnr(lay("bar", bar(), found.orientations).pupil)
+    assert np.mean(found.psnr) == pytest.approx(np.mean(designed[MapMode.EQUAL_LIGHT].psnr), abs=0.03)
+
+
 @pytest.mark.parametrize("units", [[bar()], [bar(), bar(2, 5), bar(7, 1)]])
-def test_the_turns_are_those_of_every_single_cell(error, units):
+@pytest.mark.parametrize("lags", ["error", "fine"])
+def test_the_turns_are_those_of_every_single_cell(lags, units, request):
     """The one field prices whole and cut cells as exact evaluation does, to the curvature left out."""
+    error = request.getfixturevalue(lags).of_steps
     search, chosen = searched(error, units)
     state = search.fresh(chosen)
     draw = np.random.default_rng(1)

@@ -29,45 +29,58 @@ Notes:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Mask
 from maskfab.designs.model.expected_psnr import Interior
 
-_NODES, _FEW_NODES = 64, 20
+_NODES, _FEW_NODES = 64, 24
 """At which the cost of a lag is told, and at which the ε are told apart that cannot be the best."""
 _ROUNDING = 1e-12
 _TOGETHER = 1024
 """Lags whose costs are held at once, so that they stay in the processor's cache."""
 
 
-def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> float:
-    """The least of bounds on several errors, with the dear ones found only where they decide.
+def least_refined(
+    count: int, rough: Callable[[int, int], float], refined: Callable[[int], float], first: int = 0
+) -> float:
+    """The least of dear bounds on so many errors, of which few are found: cheap ones tell which cannot be it.
 
     Args:
-        refined: a dearer one of the error that stands at a place; where it is lower, the cheap one counts.
+        rough: a cheap bound on all errors from one place up to, not including, another.
+        refined: a dearer one of the error at a place; where it is lower, the cheap one counts.
+        first: where the least is looked for first.
     """
-    least, done = np.array(rough), set[int]()
-    while (place := int(least.argmin())) not in done:
-        least[place] = max(least[place], refined(place))
-        done.add(place)
-    return float(least[place])
+    least = refined(first)
+    waiting = [(rough(*span), span) for span in ((0, first), (first + 1, count)) if span[0] < span[1]]
+    while waiting and min(waiting)[0] < least:
+        cheap, (low, high) = waiting.pop(waiting.index(min(waiting)))
+        if high - low == 1:
+            least = min(least, max(cheap, refined(low)))
+        else:
+            middle = (low + high) // 2
+            waiting += [(rough(*span), span) for span in ((low, middle), (middle, high))]
+    return least
 
 
-def best_regular(inner: Interior, variance: float) -> Floats:
+def best_regular(inner: Interior, variance: float, low: int = 0, high: int | None = None) -> Floats:
     """R of the best filter at each lag's frequency, [m], among those that ε within the protocol's give.
+
+    Args:
+        low, high: of these ε only, up to, not including, the last.
 
     An R adds σ² H²/(H² + R)² + P R²/(H² + R)², least at R = σ²/P and greater the further R lies from it, so the best of
     those between the least ε's and the largest's is the nearest.
     """
     wanted = np.divide(variance, inner.power, out=np.full(len(inner.power), np.inf), where=inner.power > 0)
-    low, high = (inner.strengths[k] * inner.inverse_prior for k in (0, -1))
-    return np.asarray(np.clip(wanted, low, high))
+    within = inner.strengths[low:high]
+    return np.asarray(np.clip(wanted, within[0] * inner.inverse_prior, within[-1] * inner.inverse_prior))
 
 
 def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
@@ -134,6 +147,18 @@ class Residues:
     size: Floats
     repeats: Floats
 
+    @cached_property
+    def parts(self) -> list[tuple[slice, sparse.csr_array, Mask]]:
+        """Lags that are looked at together: which are of each class, [c, lags], and which are short."""
+        parts = []
+        for start in range(0, len(self.of_lag), _TOGETHER):
+            lags = slice(start, start + _TOGETHER)
+            of_lag = self.of_lag[lags]
+            far = np.flatnonzero(of_lag >= 0)
+            shape = len(self.size), len(of_lag)
+            parts.append((lags, sparse.csr_array((np.ones(len(far)), (of_lag[far], far)), shape=shape), of_lag < 0))
+        return parts
+
 
 def residues(inner: Interior, *, periodic: bool) -> Residues:
     """The classes for a unit repeated, or turned at random."""
@@ -176,18 +201,16 @@ class ResidueDual:
 
     @classmethod
     def of(
-        cls, nodes: Floats, costs: Iterable[Floats], classes: Residues, ratio: float, *, periodic: bool
+        cls, nodes: Floats, cost: Callable[[slice], Floats], classes: Residues, ratio: float, *, periodic: bool
     ) -> ResidueDual:
-        """From nodes whose last is 1, and the costs of one lag after another, [.., k], as :func:`cost_at` has them."""
-        start, shorts, summed = 0, [], np.zeros((len(classes.size), len(nodes)))
-        for cost in costs:
-            of_lag = classes.of_lag[start : start + len(cost)]
-            far = np.flatnonzero(of_lag >= 0)
-            members = sparse.csr_array((np.ones(len(far)), (of_lag[far], far)), shape=(len(summed), len(cost)))
-            summed += members @ cost
-            shorts.append(cost[of_lag < 0])
-            start += len(cost)
-        short = np.concatenate(shorts)
+        """From nodes whose last is 1, and the cost of some lags, [lags, k], as :func:`cost_at` has it."""
+        shorts, summed = [], np.zeros((len(classes.size), len(nodes)))
+        for lags, members, is_short in classes.parts:
+            own = cost(lags)
+            summed += members @ own
+            if is_short.any():
+                shorts.append(own[is_short])
+        short = np.concatenate(shorts) if shorts else np.zeros((0, len(nodes)))
         if len(short):
             short[0, :-1] = np.inf
         if periodic:
@@ -219,11 +242,12 @@ class ResidueDual:
         fine = optimize.minimize_scalar(lambda v: -self(v), bounds=(low, high), method="bounded")
         return max(values[top], float(-fine.fun)), float(fine.x)
 
-    def refined(self, best: float, mean: float) -> tuple[float, float, float]:
-        """Largest value found from there, its μ and its κ."""
+    def refined(self, price: float = 0.0) -> tuple[float, float, float]:
+        """Largest value found, its μ and its κ; κ is sought from there, or from a lower μ."""
+        best, mean = self.of_mean()
         if not len(self.short):
             return best, mean, 0.0
-        unit = max(-mean, 1e-300)
+        unit = max(-mean, -price, 1e-300)
         start = np.array([[1, 0], [1.3, 0], [0.8, 0.5]])
         optimum = optimize.minimize(
             lambda z: -self(-unit * z[0], -unit * z[1]) / max(best, 1e-300),
@@ -248,16 +272,23 @@ def residue_errors(
     fine, coarse = (nodes_to(1.0, ratio, count) for count in (_NODES, _FEW_NODES))
 
     def least(variance: float) -> float:
-        def dual(epsilon: float, nodes: Floats) -> ResidueDual:
-            regular = epsilon * inner.inverse_prior
-            parts = (slice(start, start + _TOGETHER) for start in range(0, len(regular), _TOGETHER))
-            costs = (cost_at(nodes, inner, variance, ratio, regular, part) for part in parts)
-            return ResidueDual.of(nodes, costs, classes, ratio, periodic=periodic)
+        price = [0.0]
 
-        def refined(place: int) -> float:
-            near = dual(inner.strengths[place], fine)
-            return near.refined(*near.of_mean())[0]
+        def bound(nodes: Floats, low: int, high: int) -> float:
+            cost = partial(cost_at, nodes, inner, variance, ratio, best_regular(inner, variance, low, high))
+            best, mean, _ = ResidueDual.of(nodes, cost, classes, ratio, periodic=periodic).refined(price[0])
+            # Where light costs next to nothing without κ, it costs about as much with it as beside other filters.
+            price[0] = price[0] or mean
+            return best
 
-        return least_refined([dual(epsilon, coarse).of_mean()[0] for epsilon in inner.strengths], refined)
+        # About that ε the best filter of all lies.
+        ideal = np.median(variance / (inner.power * inner.inverse_prior))
+        first = int(abs(np.log(inner.strengths) - np.log(ideal)).argmin())
+        return least_refined(
+            len(inner.strengths),
+            lambda low, high: bound(coarse, low, high),
+            lambda place: bound(fine, place, place + 1),
+            first,
+        )
 
     return [least(variance) for variance in variances]

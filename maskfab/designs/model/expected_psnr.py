@@ -45,7 +45,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -392,8 +392,6 @@ class Interior:
         inverse_prior: [m], (f / 0.1)².
         strengths: ε to choose from.
         per_cycle: lag in dots that belongs to one cycle per pixel.
-        stop_table: [2 n - 1, 2 n - 1], the open stop's autocorrelation at every lag, lag 0 in the middle; the panel
-            has n dots along its side.
     """
 
     lattice: CellGrid
@@ -409,7 +407,6 @@ class Interior:
     strengths: tuple[float, ...]
     per_cycle: float
     stop_dots: float
-    stop_table: Floats
 
     @property
     def dots(self) -> int:
@@ -465,6 +462,7 @@ class Interior:
         return self.psnr(np.stack(rows), float(unit.mean()), float(unit.mean()), levels)
 
 
+@lru_cache(maxsize=1)
 def interior(estimate: Surrogate) -> Interior:
     """The interior part of a surrogate, at every lag instead of its sample of them, low frequencies included."""
     distance = 0.1 * np.sqrt(np.maximum(estimate.inverse_prior - 1e-12, 0))
@@ -498,7 +496,6 @@ def interior(estimate: Surrogate) -> Interior:
         estimate.strengths,
         per_cycle,
         open_stop.dots,
-        open_stop.table,
     )
 
 

@@ -271,7 +271,7 @@ def optimality_gap(estimate: Surrogate, unit: NDArray[np.bool_], limit: Bounds) 
 
 def _smaller_stop(inner: Interior, ratio: float) -> Floats:
     """Autocorrelation at the lags of a clear round stop of ``ratio`` times the area."""
-    side = (len(inner.stop_table) + 1) // 2
+    side = inner.lattice.side
     distance = (np.arange(side) - (side - 1) / 2) ** 2
     square = distance[:, None] + distance
     # As many dots as are clear, nearest to the axis first.

@@ -159,8 +159,14 @@ class PupilError(PanelError):
         size, reach = self.size, self.reach
         power = np.zeros((size, size // 2 + 1), dtype=np.float32)
         blocks = [slice(start, start + _COLUMNS) for start in range(0, power.shape[1], _COLUMNS)]
-        for pupil, share in zip(pupils, shares, strict=True):
-            lines = scipy.fft.rfft(pupil.astype(np.float32), size, axis=1, workers=1)
+        # Dots a whole number of strides apart are of one part.
+        parts = (
+            (part, share)
+            for pupil, share in zip(pupils, shares, strict=True)
+            for part in parted(pupil.astype(np.float32), self.stride)
+        )
+        for part, share in parts:
+            lines = scipy.fft.rfft(part, size, axis=1, workers=1)
             for block in blocks:
                 spectrum = scipy.fft.fft(lines[:, block], size, axis=0, workers=1)
                 power[:, block] += np.float32(share) * (spectrum.real**2 + spectrum.imag**2)
@@ -244,11 +250,9 @@ class PupilError(PanelError):
     def _table(self, pupil: Mask | Floats) -> tuple[list[torch.Tensor], Singles]:
         """Transforms of every so many dots of the pupil, for the slope, and its autocorrelation at lags (y, x) of the
         upper half plane."""
-        size, reach, stride = self.size, self.reach, self.stride
-        # Dots a whole number of strides apart are of one part.
-        lines = (
-            torch.fft.rfft(part, n=size, dim=1) for part in torch.from_numpy(parted(pupil.astype(np.float32), stride))
-        )
+        size, reach = self.size, self.reach
+        parts = torch.from_numpy(parted(pupil.astype(np.float32), self.stride))
+        lines = (torch.fft.rfft(part, n=size, dim=1) for part in parts)
         spectra = [torch.fft.fft(line, n=size, dim=0) for line in lines]
         power = _squared_modulus(spectra[0])
         for spectrum in spectra[1:]:

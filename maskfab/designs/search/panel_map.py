@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,10 +31,6 @@ from maskfab.designs.search.result import (
 from maskfab.designs.search.shortlist import MOST_WORK, Listed
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
-
-if TYPE_CHECKING:
-    pass
-
 
 _LONGEST_NAME = 24
 

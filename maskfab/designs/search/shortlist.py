@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,10 +24,6 @@ from maskfab.designs.search.annealing import Objective, Ranked
 from maskfab.designs.search.guard import Guard
 from maskfab.designs.search.held import Start
 from maskfab.designs.search.scan import Best
-
-if TYPE_CHECKING:
-    pass
-
 
 MOST_WORK = 60_000_000
 """Dots of all pupils together that a map of a display is judged by, once its first steps are made."""
