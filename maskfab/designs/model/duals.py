@@ -84,7 +84,7 @@ def best_regular(inner: Interior, variance: float, low: int = 0, high: int | Non
 
 
 def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
-    """What lags add to E at values of A from 0 up, with the best filter at each frequency, below that of any ε.
+    """Part of E that lags add at values of A from 0 up, with the best filter at each frequency, below that of any ε.
 
     Returns:
         Nodes [k], values of A/S, and cost [m, k]: lines between these values lie nowhere above what a lag adds.

@@ -316,7 +316,7 @@ class PupilError(PanelError):
     def _filtered(
         self, transfer: torch.Tensor, epsilons: Sequence[float], rows: slice, by: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """What these rows of frequencies add to the noise and to the signal held back."""
+        """Noise, and signal held back, of these rows of frequencies."""
         transfer, prior, share, signal = (
             each[rows] for each in (transfer, self.inverse_prior, self.share, self.signal)
         )
