@@ -318,6 +318,8 @@ def test_the_verdict_says_what_it_is_no_verdict_on(answer):
     assert (
         told == "judged with the display at the lens and along the axis alone, for [scene] states no gap and no field"
     )
+    assert str(answer).count(told) == 1
+    assert answer._repr_html_().count(told) == 1
 
 
 @pytest.mark.parametrize(

@@ -611,7 +611,7 @@ def _assumes(advised: Advised) -> Iterator[str]:
 
 def advice_lines(document: Record) -> list[str]:
     """The answer for a terminal."""
-    lines = [document["verdict"]]
+    lines = [document["verdict"], *(f"But: {one}." for one in document["caveats"] if one not in document["verdict"])]
     for answer in document["answers"]:
         lines += ["", f"{answer['question']}: {answer['sentence']}", answer["method"]]
         lines += [
