@@ -15,8 +15,7 @@ from maskfab.base import __version__
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
 from maskfab.base.provenance import sha256_of_file
-from maskfab.base.work import Progress, one_thread
-from maskfab.base.workers import Workers
+from maskfab.base.work import one_thread
 from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, Transfer
 from maskfab.camera.pairs import SPLITS, PairDie, Pairs, Plan, Source, Wanted, Window, by_split, light_of
@@ -27,7 +26,7 @@ from maskfab.findings.photographs import Conditions
 from maskfab.job.camera import Sensor
 from maskfab.job.reference import named
 from maskfab.mask.job import Job
-from maskfab.runs.pair_files import ARRAYS, notes_of, terms, write_pairs
+from maskfab.runs.pair_files import ARRAYS, notes_of, terms
 from maskfab.runs.store import of_installation
 
 _ASSUMED_BITS, _ASSUMED_BLACK, _MOST_BITS = 10, 64, 16
@@ -80,29 +79,7 @@ def pairs(
             twice; MF140 for a sensor of more than 16 bits; as :func:`maskfab.api.photographs.simulate`.
         SourceError: MF301 without photographs in the folder; MF303, MF308 for one that is none.
     """
-    own = {"count": count, "seed": seed, "crop": crop, "bits": bits, "validation": validation, "test": test}
-    made = prepared(job, photos, {**own, "white": white}, die, levels, camera)
-    return made if split is None else made.of_split(split)
-
-
-def prepared(
-    job: AnyJob,
-    images: str | Path | None,
-    own: Mapping[str, Any],
-    die: str | Sequence[str] | None = None,
-    levels: Sequence[float] | None = None,
-    camera: Camera | None = None,
-) -> Pairs:
-    """Pairs that nobody has made yet, with all that they follow from checked; arguments and errors as of :func:`pairs`.
-
-    Args:
-        own: as of :class:`maskfab.camera.pairs.Wanted`; None for what is not stated.
-    """
-    if images is None or own["count"] is None:
-        key, cure = ("images", "a folder of photographs") if images is None else ("count", "such as 10000")
-        raise JobError("MF105", f"pairs are asked for, and no {key}", where=key, cure=f"Add {key}, {cure}")
-    wanted = Wanted(**{key: value for key, value in own.items() if value is not None})
-    paths, skipped = picture_files(Path(images).resolve())
+    wanted = Wanted(count, seed, crop, bits, validation, test, white)
     conditions = partial(Conditions.of, protocol="camera", levels=levels, brackets=())
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
     asked = conditions(loaded)
@@ -110,6 +87,8 @@ def prepared(
     asked = replace(asked, protocol=replace(asked.protocol, sensor=sensor))
     if loaded.spec.exposure is not None and loaded.spec.exposure.brackets:
         asked = replace(asked, unused=(*asked.unused, named("exposure.brackets")))
+    chosen = {name: panels[name] for name in dies_of(die, panels)}
+    paths, skipped = picture_files(Path(photos).resolve())
     order, splits = by_split([path.name for path in paths], wanted)
     every = [Source(path, sha256_of_file(path), picture_shape(path)) for path in paths]
     _check_apart(every)
@@ -125,10 +104,9 @@ def prepared(
         if isinstance(design, OverField):
             design, told = design.transfer, (*told, _ON_AXIS)
         transfers[design.name] = design.on(window.margin.shape)
-        white = tuple(Exposure.at(level, sensor).behind(design.transmission) for level in asked.levels)
-        return PairDie(design.name, design.transmission, white, beyond(design, window.margin), told)
+        electrons = tuple(Exposure.at(level, sensor).behind(design.transmission) for level in asked.levels)
+        return PairDie(design.name, design.transmission, electrons, beyond(design, window.margin), told)
 
-    chosen = {name: panels[name] for name in dies_of(die, panels)}
     dies, refused = asked.designs(loaded, chosen, taken, named=bool(die))
     plan = Plan(wanted, sources, splits, tuple(dies), asked.levels, sensor, window)
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
@@ -145,7 +123,8 @@ def prepared(
         "refused": reasons,
         "skipped": skipped,
     }
-    return Pairs(plan, transfers, range(wanted.count), about)
+    made = Pairs(plan, transfers, range(count), about)
+    return made if split is None else made.of_split(split)
 
 
 def _reading(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
@@ -221,11 +200,6 @@ class PairSet(Result):
     path: Path
     made: int
     datasheet: Mapping[str, Any]
-
-    @classmethod
-    def written(cls, pairs: Pairs, path: Path, crew: Workers, progress: Progress) -> PairSet:
-        """A set, made as far as it is not there; errors as :func:`maskfab.runs.pair_files.write_pairs`."""
-        return cls(path, write_pairs(pairs, path, crew, progress), pairs.datasheet)
 
     def to_dict(self) -> dict[str, Any]:
         """Its data sheet, and how many pairs were made."""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from maskfab.api.asked import AnyJob, dies_of, given_folder, laid_out
 from maskfab.api.camera import Camera
-from maskfab.api.pairs import PairSet, prepared
+from maskfab.api.pairs import PairSet
+from maskfab.api.pairs import pairs as of_photographs
 from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -44,6 +45,7 @@ from maskfab.findings.photographs import (
 )
 from maskfab.job.reference import USES, in_words, unused
 from maskfab.mask.job import Job
+from maskfab.runs.pair_files import write_pairs
 
 if TYPE_CHECKING:
     from maskfab.camera.learning import Checkpoint
@@ -240,8 +242,12 @@ def simulate(
             "checkpoints": checkpoints or None, "protocol": None if protocol == "camera" else protocol,
         }  # fmt: skip
         _refuse(others, "pairs", "leave pairs out")
-        planned = prepared(job, images, {**own, "white": white}, die, levels, camera)
-        return PairSet.written(planned, Path(pairs), Workers(workers), progress)
+        if images is None or count is None:
+            key, cure = ("images", "a folder of photographs") if images is None else ("count", "such as 10000")
+            raise JobError("MF105", f"pairs are asked for, and no {key}", where=key, cure=f"Add {key}, {cure}")
+        stated = {key: value for key, value in own.items() if value is not None}
+        made = of_photographs(job, images, die=die, levels=levels, white=white, camera=camera, **stated)
+        return PairSet(Path(pairs), write_pairs(made, Path(pairs), Workers(workers), progress), made.datasheet)
     _refuse({**own, "workers": workers}, "scores", "add pairs, a folder")
     conditions = partial(Conditions.of, protocol=protocol, levels=levels, light=light, brackets=brackets)
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)

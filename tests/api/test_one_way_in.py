@@ -214,6 +214,7 @@ VERBS: dict[str, tuple[Callable[[Any], Any], tuple[str, str]]] = {
     "order.compare": (lambda job: mf.order.compare(job, "none"), ("MF420", "none")),
     "order.fill": (lambda job: mf.order.fill(job, "none"), ("MF420", "none")),
     "order.pack": (lambda job: mf.order.pack(job, "none"), ("MF420", "none")),
+    "pairs": (lambda job: mf.pairs(job, "none", count=1, camera=CAMERA, die="P3"), _NO_DIE),
     "restore": (lambda job: mf.restore(PHOTO, job, CAMERA, die="P3"), _NO_DIE),
     "run": (lambda job: mf.run(job, out="none"), ("MF153", "P1")),
     "simulate": (lambda job: mf.simulate(job, CAMERA, die="P3"), _NO_DIE),
