@@ -313,7 +313,7 @@ def test_the_command_line_writes_a_set_to_a_relative_place(
         "--crop",
         "64",
     ]
-    assert run_command_line([*words, "--count", "5", "--quiet", "--workers", "1", "--json"]) == 0
+    assert run_command_line([*words, "--count", "5", "--quiet", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["made"] == 5
     assert told["dies"][0]["name"] == "TOLED"
