@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from estimates import surrogate
+from once import leaves
 from scipy import ndimage, signal
 
 from maskfab.base.errors import JobError
 from maskfab.base.model import ORIENTATIONS
 from maskfab.designs.design import check_possible
+from maskfab.designs.model import panel_error
 from maskfab.designs.model.appraisal import EXACT, Spread, biased_table, robustness
-from maskfab.designs.model.panel_error import PupilError
+from maskfab.designs.model.panel_error import PupilError, pupil_error
 from maskfab.job.read import read
 
 JOB = """
@@ -123,3 +126,22 @@ def test_spreads_larger_than_the_feature_are_refused(tmp_path: Path, stated: str
     path.write_text(JOB + stated)
     with pytest.raises(JobError, match=problem):
         check_possible(read(path), where=str(path))
+
+
+def test_layouts_differ_by_fewer_lags_as_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    estimate, shape = surrogate([leaves(1)], 7), unit()
+    every = pupil_error(estimate, (32,))
+    monkeypatch.setattr(panel_error, "_MOST_FREQUENCIES", 60)
+    fewer = pupil_error(estimate, (32,))
+    assert fewer.of_steps.stride == 2
+    kinds = np.random.default_rng(0).integers(8, size=(every.cells, every.cells)).astype(np.int8)
+    own, ours = (
+        robustness(shape[None], kinds, error, spread=EXACT, seed=0, periodic=False, mapped=True)
+        for error in (every, fewer)
+    )
+    assert own.psnr == pytest.approx(ours.psnr, abs=1e-6)
+    assert own.tiling is not None
+    assert ours.tiling is not None
+    assert ours.tiling == pytest.approx(own.tiling, abs=0.01)
+    for step, gain in own.off_centre.items():
+        assert ours.off_centre[step] == pytest.approx(gain, abs=0.02)

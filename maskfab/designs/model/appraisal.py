@@ -377,13 +377,15 @@ def robustness(
     own = _psnr(error, here)
     tiling, off_centre = None, {}
     if not periodic and len(units) == 1:
+        # Layouts of one opening differ by fewer lags as they do by all.
+        steps = error.of_steps
         others = [
-            _psnr(error, laid_picture(units, draw.integers(ORIENTATIONS, size=kinds.shape))) for _ in range(TILINGS)
+            _psnr(steps, laid_picture(units, draw.integers(ORIENTATIONS, size=kinds.shape))) for _ in range(TILINGS)
         ]
         tiling = tuple(np.std(others, axis=0, ddof=1).tolist())
         for step in (0, *off) if mapped else ():
             places = sorted({(step, 0), (-step, 0), (0, step), (0, -step)})
-            gains = np.mean([_psnr(error, seen(*place)) for place in places], axis=0) - np.mean(others, axis=0)
+            gains = np.mean([_psnr(steps, seen(*place)) for place in places], axis=0) - np.mean(others, axis=0)
             off_centre[step / dots * pitch_um] = tuple(gains.tolist())
     bias = centre = None
     if spread.bias_um:
