@@ -164,7 +164,7 @@ def _assumed(spec: JobSpec) -> JobSpec:
     return _sharing(least, SHARINGS[-1]) if free else least
 
 
-def share_of(
+def share_curve_of(
     spec: JobSpec,
     *,
     where: str,
@@ -174,14 +174,12 @@ def share_of(
     clock: Clock = NO_END,
     executor: SerialExecutor = ALONE,
     progress: Progress = silent,
-) -> tuple[JobSpec, ShareCurve]:
-    """The job with its clear dots, and with the pixels that share a circuit where [display] leaves them out; where no
-    display fits any share, with those that are stated or the least, and the most that may share.
+) -> ShareCurve:
+    """Shares of the pixel, and pixels that share a circuit where [display] leaves them out.
 
     Args:
         over: opening, its cells all laid alike, that gains of the curve are over; by default its smallest share.
-        coarser: whether three of four pixels may be left out where [display] leaves sharing out; the job then has
-            pixels twice as wide, which as many more lines pass.
+        coarser: whether three of four pixels may be left out where [display] leaves sharing out.
 
     Raises:
         JobError: as :func:`check_possible`.
@@ -211,15 +209,25 @@ def share_of(
             zones.append(zone([_left_out(counted)], 2))
     usual = None if over is None else replace(expected(over.dots, over.dot_nm), periodic=True)(over.mask)
     stated = 0 if spec.design is None else spec.design.clear_dots
-    curve = share_curve(zones, stated=stated, over=usual, clock=clock, executor=executor, progress=progress)
-    best = curve.best
-    if best is not None:
-        counted = counted.model_copy(update={"design": section.model_copy(update={"clear_dots": best.clear_dots})})
-    if not free:
-        return counted, curve
+    return share_curve(zones, stated=stated, over=usual, clock=clock, executor=executor, progress=progress)
+
+
+def with_choice(spec: JobSpec, curve: ShareCurve, where: str) -> JobSpec:
+    """The job with the clear dots that a curve chooses, and with the pixels that share a circuit where [display] leaves
+    them out; where no display fits any share, with those that are stated or the least, and the most that may share.
+
+    Where pixels are left out, those of the job are twice as wide, and twice as many lines pass them.
+    """
+    from maskfab.designs.search.share import SHARINGS
+
+    section, best = section_of(_assumed(spec), where), curve.best
+    dots = section.clear_dots if best is None else best.clear_dots
+    counted = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": dots})})
+    if spec.display is None or spec.display.sharing is not None:
+        return counted
     if best is not None and best.across > 1:
-        return _left_out(counted), curve
-    return _sharing(counted, SHARINGS[-1] if best is None else best.sharing), curve
+        return _left_out(counted)
+    return _sharing(counted, SHARINGS[-1] if best is None else best.sharing)
 
 
 def _choice_notes(spec: JobSpec, curve: ShareCurve | None, free: bool) -> tuple[str, ...]:
@@ -310,9 +318,10 @@ def design(
     curve: ShareCurve | None = None
     free = spec.display is not None and spec.display.sharing is None
     if section_of(spec, where).clear_dots == 0:
-        spec, curve = share_of(
+        curve = share_curve_of(
             spec, where=where, images=images, clock=clock.part(_SHARE_PART), executor=executor, progress=progress
         )
+        spec = with_choice(spec, curve, where)
         if curve.best is None:
             what = "no display was found to fit an opening of any share of the pixel"
             cure = "State clear_dots to hear what does not fit; ask for smaller circuits, fewer lines or less emitters"

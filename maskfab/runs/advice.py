@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -38,8 +39,9 @@ from maskfab.designs.design import (
     design,
     scenes_of,
     section_of,
-    share_of,
+    share_curve_of,
     stated_display,
+    with_choice,
 )
 from maskfab.designs.search.held import start_of
 from maskfab.designs.search.question import Judges
@@ -70,6 +72,7 @@ from maskfab.mask.job import Job, resolve
 from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
 from maskfab.mask.panels import map_text
+from maskfab.optics.tiling import orientations
 from maskfab.report.pages.advice import WORTH_DB, Advised, Reach, laid_db
 from maskfab.runs.stages import PendingPhotographs
 
@@ -180,7 +183,7 @@ def advise(
     with EVERY_CORE.executor(_TASKS) as executor:
         work = _Work(spec, section, before, command, path, images, progress, clock, executor)
         taken = {reference.name: work.photographed(before, reference.name, conditions)}
-        chosen, curve = share_of(
+        curve = share_curve_of(
             spec,
             where=str(path),
             images=images,
@@ -190,7 +193,8 @@ def advise(
             executor=executor,
             progress=progress,
         )
-        spec, section, why = _as_stated(chosen, curve, stated_dots)
+        curve = work.photographed_curve(curve, taken[reference.name], conditions, level)
+        spec, section, why = _as_stated(with_choice(spec, curve, str(path)), curve, stated_dots)
         notes += why
         parts = {"display": spec.display, "wires": spec.wires}
         before = replace(before, spec=before.spec.model_copy(update=parts))
@@ -366,6 +370,45 @@ class _Work:
     def photographed(self, job: Job, name: str, conditions: Conditions) -> Task[Restored]:
         panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
         return self.executor.submit(Call(photograph_die, lambda: (conditions, Surroundings.of(job), name, panel, True)))
+
+    def photographed_curve(
+        self, curve: ShareCurve, usual: Task[Restored], conditions: Conditions, level: float
+    ) -> ShareCurve:
+        """The curve by photographs at one level of light in place of estimates, if there is time."""
+        before, one = usual.result(), replace(conditions, levels=(level,))
+        units = {
+            (point.across, point.alike, point.unit.tobytes()): point for point in curve.points if point.unit is not None
+        }
+        each_s = usual.seconds / len(conditions.levels)
+        if before.refused is not None or not self.clock.affords(len(units) * each_s / self.executor.processes):
+            return curve
+        around, panels = Surroundings.of(self.before), {key: self._panel(point) for key, point in units.items()}
+        calls = [
+            Call(photograph_die, partial(tuple, (one, around, "share", panel, False))) for panel in panels.values()
+        ]
+        tasks = self.executor.run_all(calls, lambda done: self.progress("photographs of shares", done, len(calls)))
+        seen = dict(zip(panels, (task.result() for task in tasks), strict=True))
+        own = {score.scene: score.psnr for score in before.scores if score.level_db == level}
+
+        def photographed(point: SharePoint) -> SharePoint:
+            if point.unit is None or not (scores := seen[point.across, point.alike, point.unit.tobytes()].scores):
+                return replace(point, shape="", unit=None)
+            gain = MeanDifference.of([score.psnr - own[score.scene] for score in scores])
+            value = float(np.mean([score.psnr for score in scores]))
+            return replace(point, value=value, error_db=None if math.isnan(gain.half_width) else gain.half_width)
+
+        return replace(curve, points=tuple(map(photographed, curve.points)), over=float(np.mean(list(own.values()))))
+
+    def _panel(self, point: SharePoint) -> Panel:
+        """A panel of a point that covers the stop, without a map."""
+        assert point.unit is not None
+        section, where = self.section, f"{self.path}: design.pitch"
+        dot_nm = dot_of_pitch(section.pitch, section.dots, where=where) * point.across
+        across = math.ceil(self.spec.camera.stop.diameter_um * NM_PER_UM / (dot_nm * section.dots)) + 2
+        tiling = Tiling.PERIODIC if point.alike else section.tiling
+        seed = section.seed if section.tiling_seed is None else section.tiling_seed
+        cells = orientations(tiling, across, across, seed)
+        return Panel(Opening("share", point.unit, dot_nm), dot_nm, 0, cells, tiling, seed)
 
     def judges(self, spec: JobSpec) -> Judges:
         return _judges(spec, str(self.path), scenes_of(self.images, self.section).photographs)

@@ -12,7 +12,7 @@ import maskfab as mf
 from maskfab.base.errors import JobError
 from maskfab.base.work import Clock
 from maskfab.base.workers import EVERY_CORE
-from maskfab.designs.design import share_of
+from maskfab.designs.design import share_curve_of, with_choice
 from maskfab.designs.search.share import COARSER_DB, ERROR_DB, WITHIN_DB, ShareCurve, SharePoint, counts_of
 from maskfab.display.eye_and_life import Limited
 from maskfab.job.read import read
@@ -74,7 +74,8 @@ def small(tmp_path_factory):
     folder = tmp_path_factory.mktemp("share")
     path = job_of(folder, CHOSEN, more=BOXES + DISPLAY)
     spec = read(path)
-    return path, spec, *share_of(spec, where=str(path))
+    curve = share_curve_of(spec, where=str(path))
+    return path, spec, with_choice(spec, curve, str(path)), curve
 
 
 def test_points_fit_by_the_check_itself_and_more_circuits_are_never_better(small):
@@ -101,7 +102,7 @@ def test_the_design_of_the_chosen_share_is_found_and_told(small):
 def test_one_process_finds_what_two_find(small):
     path, spec, _, curve = small
     with EVERY_CORE.executor(2) as executor:
-        _, other = share_of(spec, where=str(path), executor=executor)
+        other = share_curve_of(spec, where=str(path), executor=executor)
     assert [(one.sharing, one.clear_dots, one.shape, one.value) for one in other.points if one.shape] == [
         (one.sharing, one.clear_dots, one.shape, one.value) for one in curve.points if one.shape
     ]
@@ -110,7 +111,7 @@ def test_one_process_finds_what_two_find(small):
 
 def test_a_clock_that_is_over_leaves_the_smallest_shares(small):
     path, spec, _, curve = small
-    _, short = share_of(spec, where=str(path), clock=Clock(0.0))
+    short = share_curve_of(spec, where=str(path), clock=Clock(0.0))
     assert 0 < len(short.points) < len(curve.points)
     assert not short.complete
 

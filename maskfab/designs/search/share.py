@@ -37,7 +37,9 @@ from maskfab.job.sections import SearchSection
 WITHIN_DB, COARSER_DB = 0.5, 1.0
 """Restored photographs that are given away for a smaller share; and that must be gained for half the circuits."""
 ERROR_DB = 0.15
-"""By which gains of a curve may differ from those of the design that is searched at its share."""
+"""By which photographed gains of a curve may differ from those of the design that is searched at its share. Expected
+ones rise too fast with the share: by 0.2 dB at a tenth of the pixel and 1 to 2 dB at half, most where few pixels lie
+before the stop."""
 _CUT = " Time ran out before all shares were tried: with a longer budget another may be chosen."
 SHARINGS = (1, 2, 4)
 LEVELS = (*((sharing, 1) for sharing in SHARINGS), (1, 2))
@@ -64,7 +66,9 @@ class SharePoint:
         sharing: pixels that share a circuit.
         across: pixels of the display around along one of these; 1 where none is left out.
         shape: empty where none was found.
-        value: expected restored PSNR before a map, dB, weighted mean over the levels; not a number where there is none.
+        value: restored PSNR before a map, dB: expected, weighted mean over the levels, or photographed at one; not a
+            number where there is none.
+        error_db: half width of the interval of the gain, of photographs; None of an estimate.
         alike: whether lines were found only where all cells lie alike.
         footprint: share of the pixel that the least of the colours can cover, drawn straight.
         numbers: of the eye and of life, beside their limits.
@@ -81,6 +85,7 @@ class SharePoint:
     footprint: float = 0.0
     numbers: tuple[Limited, ...] = ()
     unit: Mask | None = None
+    error_db: float | None = None
 
     @property
     def share(self) -> float:
@@ -106,8 +111,8 @@ class ShareCurve:
 
     Attributes:
         points: by sharing, then by share.
-        over: expected restored PSNR of what gains are over, dB, mean over the levels; None where that is the point of
-            the smallest share.
+        over: restored PSNR of what gains are over, dB, as the points'; None where that is the point of the smallest
+            share.
         complete: whether every share was looked at.
     """
 

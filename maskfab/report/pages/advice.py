@@ -253,7 +253,7 @@ def _starved(advised: Advised) -> str:
     else:
         why = f"{gains}: they are blurred, and this opening is no cure"
     best = advised.curve.best
-    more = 0.0 if best is None else best.value - float(np.mean(advised.designed.psnr))
+    more = 0.0 if best is None else advised.curve.gain_db(best) - advised.gain(advised.level_db).mean
     if best is None or more < WORTH_DB:
         return why
     return f"{why}; try {_asked(best)}, which fits and is expected to gain {more:.1f} dB more"
@@ -468,6 +468,8 @@ def _houses(advised: Advised) -> tuple[str, str, list[Document]]:
 
 def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     designed, curve = advised.designed, advised.curve
+    photographed = any(point.error_db is not None for point in curve.points)
+    by = f"photographs at {advised.light(advised.level_db)}" if photographed else "estimates, too high for large shares"
     before, after = float(np.mean(designed.psnr)), laid_db(designed)
     rows = [_point_row(advised, point) for point in _points(curve)]
     rows += [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
@@ -483,9 +485,9 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     if not others:
         rows.append(_row("gain by another shape", None, "", "none of another kind was found that keeps the rules"))
     method = (
-        f"Gains of shares are over {advised.reference}, others over the design; mean over the light, before a map "
-        f"unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for it, "
-        "the share of each colour's emitters, and life and slow grain beside the display around."
+        f"Gains of shares are over {advised.reference}, by {by}; others over the design, mean over the light, before a "
+        f"map unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for "
+        "it, the share of each colour's emitters, and life and slow grain beside the display around."
     )
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
@@ -512,7 +514,8 @@ def _point_row(advised: Advised, point: SharePoint) -> Document:
     pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
     chosen = ["chosen"] if point is advised.curve.best else []
     how = "; ".join([*chosen, _asked(point), point.shape, *pays])
-    return _row(f"gain at {point.share:.0%}, {point.zone}", advised.curve.gain_db(point), "dB", how)
+    name, gain = f"gain at {point.share:.0%}, {point.zone}", advised.curve.gain_db(point)
+    return _row(name, gain, "dB", how, error=point.error_db)
 
 
 def _reach_row(reach: Reach, own: float) -> Document:
