@@ -141,3 +141,12 @@ def test_counts_are_of_shares_and_never_none():
         counts = np.array(counts_of(dots))
         assert counts.min() >= 1
         assert counts.max() <= 0.66 * dots**2 + 1
+
+
+def test_pixels_are_left_out_only_where_photographs_say_so():
+    whole, left = point(10, 4, 20.0), replace(point(10, 1, 24.0), across=2)
+    assert ShareCurve((whole, left)).best is whole
+    seen = replace(left, error_db=0.2)
+    assert ShareCurve((whole, seen)).best is seen
+    # A gain below a decibel is not worth coarser pixels.
+    assert ShareCurve((whole, replace(seen, value=20.9))).best is whole

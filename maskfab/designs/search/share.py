@@ -122,10 +122,13 @@ class ShareCurve:
 
     @cached_property
     def best(self) -> SharePoint | None:
-        """The point that the rule chooses; None where no display fits any share."""
+        """The point that the rule chooses; None where no display fits any share.
+
+        Estimates flatter few large pixels, so that pixels are left out only where photographs say so.
+        """
         best: SharePoint | None = None
         for level in sorted({(point.sharing, point.across) for point in self.points}, key=_finest):
-            point = self._knee(WITHIN_DB, level)
+            point = None if level[1] > 1 and not self.photographed else self._knee(WITHIN_DB, level)
             if point is not None and (best is None or point.value >= best.value + COARSER_DB):
                 best = point
         return best
@@ -151,6 +154,11 @@ class ShareCurve:
             f"circuits, or pixels, only where they gain {COARSER_DB:g} dB."
             f"{'' if self.complete else _CUT}"
         )
+
+    @property
+    def photographed(self) -> bool:
+        """Whether gains are of photographs, and no estimates."""
+        return any(point.error_db is not None for point in self.points)
 
     def gain_db(self, point: SharePoint) -> float:
         """Expected gain of a point."""

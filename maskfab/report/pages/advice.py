@@ -468,8 +468,11 @@ def _houses(advised: Advised) -> tuple[str, str, list[Document]]:
 
 def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     designed, curve = advised.designed, advised.curve
-    photographed = any(point.error_db is not None for point in curve.points)
-    by = f"photographs at {advised.light(advised.level_db)}" if photographed else "estimates, too high for large shares"
+    by = (
+        f"photographs at {advised.light(advised.level_db)}"
+        if curve.photographed
+        else "estimates, too high for large shares"
+    )
     before, after = float(np.mean(designed.psnr)), laid_db(designed)
     rows = [_point_row(advised, point) for point in _points(curve)]
     rows += [_reach_row(reach, after if reach.mapped else before) for reach in advised.reaches]
