@@ -168,7 +168,7 @@ def thinned(shapes: Sequence[Candidate], most: int = MOST_JUDGED) -> list[Candid
     """
     if len(shapes) <= most:
         return list(shapes)
-    places = np.array([_place(shape.unit) for shape in shapes])
+    places = _places(np.stack([shape.unit for shape in shapes]))
     step = 1
     chosen = np.ones(len(shapes), dtype=np.bool_)
     while chosen.sum() > most and step < len(shapes[0].unit):
@@ -188,23 +188,22 @@ def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _K
     for one in judged:
         name = one.name.partition(" at ")[0]
         if len(best) < kinds or name in best:
-            best.setdefault(name, _place(one.unit)[:2])
+            best.setdefault(name, tuple(_places(one.unit[None])[0, :2].tolist()))
     seen = {one.name for one in judged}
     near = []
     for shape in shapes:
         middle = best.get(shape.name.partition(" at ")[0])
         if middle is not None and shape.name not in seen:
-            row, column = _place(shape.unit)[:2]
+            row, column = _places(shape.unit[None])[0, :2]
             if max(abs(row - middle[0]), abs(column - middle[1])) <= _NEAR:
                 near.append(shape)
     return near
 
 
-def _place(unit: Mask) -> tuple[int, int, int, int]:
-    """Closed rows below and columns left of what is clear, then rows above and columns to the right."""
-    rows, columns = (np.flatnonzero(unit.any(axis=axis)) for axis in (1, 0))
-    last = len(unit) - 1
-    return int(rows[0]), int(columns[0]), last - int(rows[-1]), last - int(columns[-1])
+def _places(units: Mask) -> Ints:
+    """Closed rows below and columns left of what is clear, then rows above and columns right of it; int64 [units, 4]."""
+    rows, columns = (np.asarray(units.any(axis=axis)) for axis in (2, 1))
+    return np.stack([part.argmax(axis=1) for part in (rows, columns, rows[:, ::-1], columns[:, ::-1])], axis=1)
 
 
 def held_of(varied: Iterable[Candidate], rules: Constraints, clock: Clock) -> Candidate | None:

@@ -261,7 +261,10 @@ def _of_count(zone: Zone, clear_dots: int, clock: Clock) -> list[SharePoint]:
             alike = held["emitters"].wired is Wired.REGULAR
             if alike not in ranked:
                 ranked[alike] = _ranked(shapes, held, replace(zone.expected, periodic=alike or zone.expected.periodic))
-            if (found := _first(display, held, ranked[alike], clock)) is not None:
+            # With more circuits the last one holds, too: only better ones are asked.
+            last = points[-1] if points and points[-1].shape else None
+            better = [one for one in ranked[alike] if last is None or one.value > last.value]
+            if (found := _first(display, held, better, clock)) is not None:
                 break
         found = found or (points[-1] if points else nothing)
         points.append(replace(found, sharing=display.rules.zone.sharing, across=zone.across))
