@@ -13,7 +13,9 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.work import Clock
 from maskfab.base.workers import EVERY_CORE
+from maskfab.designs import design
 from maskfab.designs.design import share_curve_of, with_choice
+from maskfab.designs.search import search
 from maskfab.designs.search.share import COARSER_DB, ERROR_DB, WITHIN_DB, ShareCurve, SharePoint, counts_of
 from maskfab.display.eye_and_life import Limited
 from maskfab.job.read import read
@@ -127,6 +129,23 @@ def test_without_a_map_every_cell_is_laid_by_the_tiling_that_is_asked_for(small)
     alike = spec.model_copy(update={"design": spec.design.model_copy(update={"tiling": Tiling.PERIODIC})})
     other = share_curve_of(alike, where=str(path), clock=Clock(0.0))
     assert {one.alike for one in other.points if one.shape} == {True}
+
+
+def test_the_point_of_the_curve_is_laid_where_the_search_finds_no_die_that_holds_its_own(small, monkeypatch):
+    path, spec, _, curve = small
+    monkeypatch.setattr(design, "share_curve_of", lambda *_, **__: curve)
+    usual, asked = search.search, []
+
+    def refusing(question):
+        asked.append(question.begin)
+        if question.begin is None:
+            raise JobError("MF123", "none fits", cure="Ask for less")
+        return usual(question)
+
+    monkeypatch.setattr(search, "search", refusing)
+    designed = design.design(spec, "", where=str(path))
+    assert (asked[0], designed.shape) == (None, curve.best.shape)
+    assert np.array_equal(designed.opening.mask, curve.best.unit)
 
 
 def test_gains_are_over_a_panel_as_it_is_tiled(small):

@@ -42,8 +42,7 @@ ones rise too fast with the share: by 0.2 dB at a tenth of the pixel and 1 to 2 
 before the stop."""
 _CUT = " Time ran out before all shares were tried: with a longer budget another may be chosen."
 SHARINGS = (1, 2, 4)
-LEVELS = (*((sharing, 1) for sharing in SHARINGS), (1, 2))
-"""Pixels to a circuit, and pixels of the display around along one of the zone: finer levels first."""
+"""Pixels to a circuit, fewer first."""
 _SHARES = (0.2, 0.4, 0.3, 0.5, 0.1, 0.6, 0.45, 0.35, 0.55, 0.25, 0.65, 0.15)
 """Of the pixel, coarse steps first, so that a clock leaves out fine ones."""
 _MOST_SHAPES, _JUDGED = 900, 100
@@ -113,7 +112,7 @@ class ShareCurve:
         points: by sharing, then by share.
         over: restored PSNR of what gains are over, dB, as the points'; None where that is the point of the smallest
             share.
-        complete: whether every share was looked at.
+        complete: whether every share was looked at, and as long as it takes.
     """
 
     points: tuple[SharePoint, ...]
@@ -221,10 +220,9 @@ def share_curve(
     points = _of_count(zones[0], stated, clock) if stated else []
     # So many at a time, however many processes there are, so that what is left out does not depend on them.
     steps = range(0, max(len(counts_of(zone.section.dots)) for zone in zones), _AT_ONCE)
-    cut = False
     for step in steps:
         progress("shares of the pixel", step, steps.stop)
-        if cut := step >= _LEAST and clock.over:
+        if step >= _LEAST and clock.over:
             break
         asked = [
             (held, count)
@@ -236,7 +234,7 @@ def share_curve(
         points += chain.from_iterable(task.result() for task in tasks)
     progress("shares of the pixel", steps.stop, steps.stop)
     points.sort(key=lambda point: (*_finest((point.sharing, point.across)), point.clear_dots))
-    return ShareCurve(tuple(points), over, complete=not cut)
+    return ShareCurve(tuple(points), over, complete=not clock.over)
 
 
 def _able(zone: Zone, clear_dots: int, points: Sequence[SharePoint]) -> Zone:
