@@ -19,6 +19,7 @@ import maskfab as mf
 from maskfab.api import advising
 from maskfab.base import workers
 from maskfab.base.errors import JobError, OutputError
+from maskfab.base.model import Tiling
 from maskfab.base.work import Clock
 from maskfab.cli.program import run_command_line
 from maskfab.designs.search import held
@@ -402,6 +403,22 @@ def test_a_reference_that_does_not_fit_is_said_to_be_none(answer, tmp_path):
     spec = answer.found.job.spec
     job = resolve(spec.model_copy(update={"die": (small.die[0], *spec.die[1:])}), tmp_path / "tiny.toml")
     assert "could not be built" not in told(replace(answer.found, job=job))
+
+
+def test_a_reference_has_the_lines_of_its_own_pixels_where_those_of_the_design_are_wider(answer, tmp_path):
+    """Twice as many lines pass a pixel beside which others are left out."""
+    edits = ('opening = "slit.toml"', 'opening = "small.toml"'), ("[wires]", '[display]\nnormal = "88 um"\n[wires]')
+    small = read(write(tmp_path, *edits, ("lines = 2", "lines = 16")))
+    grid = "\n".join(["....##....."] * 2 + ["." * 11] * 9)
+    (tmp_path / "small.toml").write_text(SLIT.format(name="small", grid=grid), encoding="utf-8")
+    spec = answer.found.job.spec
+    for dot_um, fits in ((8.0, False), (16.0, True)):
+        dies = small.die[0], spec.die[1].model_copy(update={"dot": dot_um, "tiling": Tiling.PERIODIC, "map": None})
+        parts = {"die": dies, "display": small.display, "wires": small.wires}
+        job = resolve(spec.model_copy(update=parts), tmp_path / "tiny.toml")
+        found = replace(answer.found, job=job)
+        sentence = advice_document(found, "maskfab advise", [])["answers"][1]["sentence"]
+        assert ("could not be built" in sentence) == (not fits)
 
 
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):

@@ -418,8 +418,14 @@ def _reference_misfit(advised: Advised) -> str | None:
     job, rules = advised.job, display_rules(advised.job)
     panel = job.panels()[job.spec.die[0].name]
     few = replace(panel, orientations=panel.orientations[:_FEW, :_FEW])
+    if rules is None:
+        return None
     try:
-        return None if rules is None else misfit(feasibility(few, rules, largest=False))
+        # Lines of pixels that are left out pass a wider one beside it: as many fewer pass each of the reference.
+        wider = rules.zone.across(job.panels()[advised.name].pitch_nm) // rules.zone.across(panel.pitch_nm)
+        if rules.wires is not None and wider > 1:
+            rules = replace(rules, wires=replace(rules.wires, lines=rules.wires.lines // wider))
+        return misfit(feasibility(few, rules, largest=False))
     except JobError as refusal:
         return refusal.what
 
