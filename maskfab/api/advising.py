@@ -148,7 +148,7 @@ def advise(
     command += "" if images is None else f" --images {Path(images).as_posix()}"
     given = None if images is None else Path(images)
     if dry_run:
-        _, section = searched(spec, str(path))
+        _, section, _ = searched(spec, str(path))
         scenes_of(given, section)
         work = f"{sought(spec)}; photographs, display, mask houses and larger openings"
         return Foreseen(work, command, clock.budget_s, job=text, notes=notes)

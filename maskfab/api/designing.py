@@ -605,8 +605,8 @@ def _front(
     scenes = scenes_of(None if images is None else Path(images), section)
     command = command or f"maskfab.design({path.as_posix()!r}, front=True)"
     if dry_run:
-        counts = f"{' and '.join(map(str, spec.pareto.clear_dots))} clear dots"
-        return Foreseen(f"{sought(spec)}; a front of {counts}", command, clock.budget_s)
+        counts = " and ".join(map(str, spec.pareto.clear_dots))
+        return Foreseen(f"{sought(spec, counts)}; a front of them", command, clock.budget_s)
     swept = sweep(
         spec.pareto,
         section,

@@ -47,11 +47,15 @@ class Foreseen(Result):
         return "\n".join([*lines, *(["", self.job] if self.job else [])])
 
 
-def sought(spec: JobSpec) -> str:
-    """Openings that a job's [design] asks for, in words."""
+def sought(spec: JobSpec, many: str = "") -> str:
+    """Openings that a job's [design] asks for, in words.
+
+    Args:
+        many: numbers of clear dots of a front, which has its own.
+    """
     section = spec.design
     assert section is not None
-    many = section.clear_dots or "a chosen number"
+    many = many or str(section.clear_dots or "a chosen number")
     dots = f"{many} of {section.dots} x {section.dots} dots clear in {section.pitch:g} um"
     if not isinstance(section, SearchSection):
         return f"descend to an opening, {dots}"

@@ -15,7 +15,7 @@ from maskfab.base.arrays import Mask
 from maskfab.base.cell_size import CellSize
 from maskfab.base.errors import JobError, OpeningError, OutputError
 from maskfab.base.extras import require
-from maskfab.base.model import Opening
+from maskfab.base.model import Panel, Tiling
 from maskfab.base.processes import ALONE, SerialExecutor
 from maskfab.base.units import NM_PER_UM, to_nm
 from maskfab.base.work import NO_END, Clock, Progress, silent
@@ -160,8 +160,7 @@ def _assumed(spec: JobSpec) -> JobSpec:
     from maskfab.designs.search.share import SHARINGS, counts_of
 
     least = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": min(counts_of(section.dots))})})
-    free = spec.display is not None and spec.display.sharing is None
-    return _sharing(least, SHARINGS[-1]) if free else least
+    return sharing_by(least, SHARINGS[-1]) if spec.chooses_sharing else least
 
 
 def share_curve_of(
@@ -169,7 +168,7 @@ def share_curve_of(
     *,
     where: str,
     images: Path | None = None,
-    over: Opening | None = None,
+    over: Panel | None = None,
     coarser: bool = False,
     clock: Clock = NO_END,
     executor: SerialExecutor = ALONE,
@@ -178,8 +177,9 @@ def share_curve_of(
     """Shares of the pixel, and pixels that share a circuit where [display] leaves them out.
 
     Args:
-        over: opening, its cells all laid alike, that gains of the curve are over; by default its smallest share.
-        coarser: whether three of four pixels may be left out where [display] leaves sharing out.
+        over: panel that gains of the curve are over, by the mean over random tilings unless its cells lie alike; by
+            default its smallest share.
+        coarser: whether three of four pixels may be left out where [display] leaves sharing out and none are left out.
 
     Raises:
         JobError: as :func:`check_possible`.
@@ -202,12 +202,15 @@ def share_curve_of(
         return Zone(displays, own, expected(own.dots, dot_nm * across), across)
 
     counted = spec.model_copy(update={"design": section})
-    free = spec.display is not None and spec.display.sharing is None
-    zones = [zone([_sharing(counted, sharing) for sharing in SHARINGS] if free else [counted], 1)]
-    if free and coarser:
+    free = spec.chooses_sharing
+    zones = [zone([sharing_by(counted, sharing) for sharing in SHARINGS] if free else [counted], 1)]
+    if free and coarser and zones[0].displays[0].rules.zone.across(dot_nm * section.dots) == 1:
         with suppress(JobError):  # dots may be too coarse for the camera, and lines too many
             zones.append(zone([_left_out(counted)], 2))
-    usual = None if over is None else replace(expected(over.dots, over.dot_nm), periodic=True)(over.mask)
+    usual = None
+    if over is not None:
+        alike = over.tiling in (Tiling.PERIODIC, Tiling.HEXAGONAL)
+        usual = replace(expected(over.opening.dots, over.dot_nm), periodic=alike)(over.opening.mask)
     stated = 0 if spec.design is None else spec.design.clear_dots
     return share_curve(zones, stated=stated, over=usual, clock=clock, executor=executor, progress=progress)
 
@@ -223,11 +226,11 @@ def with_choice(spec: JobSpec, curve: ShareCurve, where: str) -> JobSpec:
     section, best = section_of(_assumed(spec), where), curve.best
     dots = section.clear_dots if best is None else best.clear_dots
     counted = spec.model_copy(update={"design": section.model_copy(update={"clear_dots": dots})})
-    if spec.display is None or spec.display.sharing is not None:
+    if not spec.chooses_sharing:
         return counted
     if best is not None and best.across > 1:
         return _left_out(counted)
-    return _sharing(counted, SHARINGS[-1] if best is None else best.sharing)
+    return sharing_by(counted, SHARINGS[-1] if best is None else best.sharing)
 
 
 def _choice_notes(spec: JobSpec, curve: ShareCurve | None, free: bool) -> tuple[str, ...]:
@@ -238,7 +241,8 @@ def _choice_notes(spec: JobSpec, curve: ShareCurve | None, free: bool) -> tuple[
     return (curve.told, *((held,) if free and spec.sharing > 1 else ()))
 
 
-def _sharing(spec: JobSpec, sharing: int) -> JobSpec:
+def sharing_by(spec: JobSpec, sharing: int) -> JobSpec:
+    """The job with so many pixels to a circuit."""
     stated = spec.display or DisplaySection()
     return spec.model_copy(update={"display": stated.model_copy(update={"sharing": sharing})})
 
@@ -315,8 +319,7 @@ def design(
         SourceError: for photographs that cannot be read.
     """
     display, seen, source = require_able(spec, where, images, checkpoint, begin)
-    curve: ShareCurve | None = None
-    free = spec.display is not None and spec.display.sharing is None
+    curve, free = None, spec.chooses_sharing
     if section_of(spec, where).clear_dots == 0:
         curve = share_curve_of(
             spec, where=where, images=images, clock=clock.part(_SHARE_PART), executor=executor, progress=progress
@@ -354,7 +357,14 @@ def design(
             begin=begin,
             executor=executor,
         )
-        designed = search(question)
+        try:
+            designed = search(question)
+        except JobError as refusal:
+            best = None if curve is None else curve.best
+            if best is None or begin is not None or any(fault.code != "MF123" for fault in refusal.faults):
+                raise
+            # Its best opening may fit no die where the one that the share was chosen by does.
+            designed = replace(search(replace(question, begin=best.unit)), shape=best.shape)
     spread = designed.robust is not None
     uses = (
         USES["design"]

@@ -35,8 +35,8 @@ LINES_NM = (610.0, 530.0, 470.0)
 """Wavelengths of red, green and blue of every job written from answers."""
 RULES = ("gap_to_opening", "colour_gap", "min_width")
 _USUAL = EmittersSection.model_validate({"colour_gap": "8 um", "min_width": "8 um"})
-_MOST_OPEN = 0.5
-"""Share of the pixel that is clear for which an automatic exposure leaves room where the share is chosen."""
+_MOST_OPEN = 0.65
+"""Largest share of the pixel that may be chosen, for which an automatic exposure leaves room."""
 _FINEST_BOX_NM = 1000
 """Sides of circuits' boxes are whole parts of a cell, of no less."""
 _FILLED = 0.8
@@ -197,13 +197,19 @@ class Brief(Section):
 
     @property
     def slit(self) -> float:
-        """Clear share of the plain slits beside the design: as stated, or that of the published display."""
-        return self.open or REFERENCE_TRANSMISSION
+        """Clear share of the plain slits beside the design: as stated, or that of the published display, as far as
+        lines and emitters leave room."""
+        return self.open or min(REFERENCE_TRANSMISSION, self.room**2, 1 - self.emitters)
 
     @property
     def circuit_um2(self) -> float:
         """Area of one circuit: as stated, or so that the pixel around is as full as that of a panel on sale."""
         return self.circuit or min(_USUAL.circuit, self.pitch**2 / _USUAL.circuits)
+
+    @property
+    def room(self) -> float:
+        """Share of the pixel's side that the lines leave."""
+        return max(0.0, 1 - self.crossing_um / self.pitch)
 
     @property
     def crossing_um(self) -> float:
@@ -273,16 +279,16 @@ def _refuse(brief: Brief) -> None:
     check_lens(_lens(module), where="answers: camera")
     wide = f", and pitch = {pitch:g} um"
     crossing = f"lines = {brief.lines} take {brief.crossing_um:g} um with spaces and clearance"
-    room = max(0.0, 1 - brief.crossing_um / pitch)
     both = f"emitters = {brief.emitters:.1%} and open = {brief.slit:.1%} are all of the pixel or more"
+    clear = brief.open or 0.0
     pairs = [
         ("pitch", pitch > stop, f"the camera's stop is {stop:g} um{wide}", "Give a finer display, or a wider stop"),
-        ("emitters", brief.emitters + brief.slit >= 1, both, "Give less of one"),
-        ("lines", room == 0, crossing + wide, "Give fewer or narrower lines, or a wider pitch"),
+        ("emitters", brief.emitters + clear >= 1, both, "Give less of one"),
+        ("lines", brief.room == 0, crossing + wide, "Give fewer or narrower lines, or a wider pitch"),
         (
             "open",
-            brief.slit > room**2,
-            f"open = {brief.slit:.1%}, and {crossing}{wide}",
+            clear > brief.room**2,
+            f"open = {clear:.1%}, and {crossing}{wide}",
             "Open less, or give fewer lines",
         ),
     ]

@@ -724,6 +724,11 @@ class JobSpec(Section):
         return stated or max((held.shared_by for held in (self.circuits, self.emitters) if held is not None), default=1)
 
     @property
+    def chooses_sharing(self) -> bool:
+        """Whether pixels to a circuit are chosen: [display] leaves them out, and no other key says them."""
+        return self.display is not None and self.display.sharing is None and self.sharing == 1
+
+    @property
     def tone(self) -> Tone:
         """Tone of the data; a house's profile has no say in what is drawn."""
         return "clear" if self.order is None or self.order.tone is None else self.order.tone

@@ -40,6 +40,7 @@ from maskfab.designs.design import (
     scenes_of,
     section_of,
     share_curve_of,
+    sharing_by,
     stated_display,
     with_choice,
 )
@@ -91,11 +92,13 @@ _LESS_EMITTER, _MOST_DOTS = 0.02, 128
 """Share of the pixel, all colours together, by which emitters are eased; dots along a pixel."""
 _SEARCHED, _MAPS = ("delta_e", "grain"), 1.1
 """Limits of the eye that are rules of a search, too; and how much less these are, for a map may look less even."""
+_NONE_FITS = "No display was found to fit any share of the pixel that was looked at: the least of them is designed."
 _LONGER = "time ran out: give a longer --budget"
 
 
-def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
-    """The job, whose display must fit, and its [design]; what no opening can keep is an answer, and not refused.
+def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection, Job]:
+    """The job, whose display must fit, its [design], and the job with the die to compare with alone; what no opening
+    can keep is an answer, and not refused.
 
     Raises:
         JobError: MF105 without [emitters], [plate], a [design] that searches, or a die to compare with; else as for
@@ -116,6 +119,7 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
         cure = "Add [[die]] with the opening of a display as it is"
         faults.add(JobError("MF105", "the job has no die to compare the design with", where=f"{where}: die", cure=cure))
     named = [die for die in others if spec.report is not None and die.name == spec.report.reference]
+    before = None
     if section is not None and others:
         with faults:
             before = resolve(spec.model_copy(update={"die": tuple(named or others)[:1], "report": None}), Path(where))
@@ -131,7 +135,10 @@ def searched(spec: JobSpec, where: str) -> tuple[JobSpec, SearchSection]:
                 faults.add(refusal)
     faults.refuse()
     assert isinstance(section, SearchSection)
-    return _living(spec, section, where), section
+    assert before is not None
+    spec = _living(spec, section, where)
+    parts = {"emitters": spec.emitters, "design": section, "pareto": None, "study": None}
+    return spec, section, replace(before, spec=before.spec.model_copy(update=parts))
 
 
 def _living(spec: JobSpec, section: SearchSection, where: str) -> JobSpec:
@@ -167,15 +174,9 @@ def advise(
         images: folder of photographs to design for; synthetic scenes if None.
         clock: of the budget; whoever ends it early gets the best so far, photographed.
     """
-    require("design", what="advice on a design", where=str(path))
-    spec, section = searched(stated, str(path))
-    others = [die for die in spec.die if die.opening != section.output]
-    named = None if spec.report is None else spec.report.reference
-    reference = next((die for die in others if die.name == named), others[0])
-    before = resolve(spec.model_copy(update={"die": (reference,), "report": None}), path)
-    shop_of(before.spec, before.where)
+    spec, section, before = searched(stated, str(path))
+    (reference,), stated_dots = before.spec.die, section.clear_dots
     conditions, level = _conditions(before)
-    slits, stated_dots = before.openings[reference.name][0], section.clear_dots
     notes += in_words(unused(stated, *USES["advise"]))
     asked, held = (job.emitters.required if job.emitters else 0.0 for job in (stated, spec))
     if held > asked:
@@ -187,14 +188,15 @@ def advise(
             spec,
             where=str(path),
             images=images,
-            over=slits,
+            over=before.panels()[reference.name],
             coarser=not stated_dots,
             clock=clock.part(_CHOICE),
             executor=executor,
             progress=progress,
         )
         curve = work.photographed_curve(curve, taken[reference.name], conditions, level)
-        spec, section, why = _as_stated(with_choice(spec, curve, str(path)), curve, stated_dots)
+        chosen = with_choice(spec, curve, str(path))
+        spec, section, own, why = _as_stated(spec, chosen, curve, stated_dots)
         notes += why
         parts = {"display": spec.display, "wires": spec.wires}
         before = replace(before, spec=before.spec.model_copy(update=parts))
@@ -236,6 +238,7 @@ def advise(
         bids,
         found,
         curve,
+        own,
         laid.unkept,
         laid.cost_db,
         notes,
@@ -284,7 +287,8 @@ class _Work:
             return None
         tiling = Tiling.PERIODIC if point.alike else self.section.tiling
         with suppress(JobError):
-            return self._design(begin=point.unit, map=None, map_output=None, tiling=tiling)
+            found = self._design(begin=point.unit, map=None, map_output=None, tiling=tiling)
+            return replace(found, shape=point.shape)
         return None
 
     def within_limits(self, first: _Laid, point: SharePoint | None) -> _Laid:
@@ -439,24 +443,33 @@ def job_files(job: Job) -> dict[str, str]:
     return {"job.toml": text, **drawn, **spec.curves, **spec.shops}
 
 
-def _as_stated(chosen: JobSpec, curve: ShareCurve, stated_dots: int) -> tuple[JobSpec, SearchSection, tuple[str, ...]]:
-    """The job with the share that it states, unless that gains less than is worth a mask and another share does."""
+def _as_stated(
+    spec: JobSpec, chosen: JobSpec, curve: ShareCurve, stated_dots: int
+) -> tuple[JobSpec, SearchSection, bool, tuple[str, ...]]:
+    """The job with the share that it states, unless that gains less than is worth a mask and another does; whether that
+    is the stated one, and what was chosen, in sentences."""
     section, best = chosen.design, curve.best
     assert isinstance(section, SearchSection)
     if best is None:
-        return chosen, section, ()
-    own = [point for point in curve.points if point.clear_dots == stated_dots and point.shape and point.across == 1]
-    told = curve.told
+        return chosen, section, bool(stated_dots), () if stated_dots else (_NONE_FITS,)
+    own = [point for point in curve.points if point.clear_dots == stated_dots and point.shape]
     if not stated_dots:
-        return chosen, section, (told,)
+        return chosen, section, False, (curve.told,)
     gain, most = (curve.gain_db(own[0]) if own else math.nan), curve.gain_db(best)
     if own and gain < WORTH_DB <= most:
-        return chosen, section, (f"The {own[0].share:.0%} that the job states gains {gain:+.1f} dB. {told}",)
-    # Of a stated share, the most circuits that fit it; of one that does not fit, as many as the choice has.
-    sharing = own[0].sharing if own else best.sharing
-    section = section.model_copy(update={"clear_dots": stated_dots})
-    display = chosen.display and chosen.display.model_copy(update={"sharing": sharing})
-    return chosen.model_copy(update={"design": section, "display": display}), section, ()
+        return (
+            chosen,
+            section,
+            False,
+            (f"The {own[0].share:.0%} that the job states gains {gain:+.1f} dB. {curve.told}",),
+        )
+    section, notes = section.model_copy(update={"clear_dots": stated_dots}), tuple[str, ...]()
+    if spec.chooses_sharing:
+        # Of a stated share, the most circuits that fit it; of one that does not fit, as many as the choice has.
+        point, why = (own[0], "the most circuits that were found to fit") if own else (best, "as of the best that fits")
+        chosen = sharing_by(chosen, point.sharing)
+        notes = (f"Beside the share that the job states, {point.zone} was chosen: {why}.",)
+    return chosen.model_copy(update={"design": section}), section, True, notes
 
 
 def _conditions(job: Job) -> tuple[Conditions, float]:

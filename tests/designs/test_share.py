@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 
 import maskfab as mf
 from maskfab.base.errors import JobError
+from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.work import Clock
 from maskfab.base.workers import EVERY_CORE
+from maskfab.designs import design
 from maskfab.designs.design import share_curve_of, with_choice
+from maskfab.designs.search import search
 from maskfab.designs.search.share import COARSER_DB, ERROR_DB, WITHIN_DB, ShareCurve, SharePoint, counts_of
 from maskfab.display.eye_and_life import Limited
 from maskfab.job.read import read
@@ -47,7 +50,11 @@ def test_a_share_that_breaks_a_limit_or_fits_nothing_is_not_chosen():
     curve = ShareCurve(points, over=18.0)
     assert curve.best is points[0]
     assert curve.gain_db(curve.best) == pytest.approx(2.0)
-    assert ShareCurve(points[1:]).best is None
+    kept_by_none = ShareCurve(points[1:])
+    assert kept_by_none.best is points[1]
+    assert "none keeps them" in kept_by_none.told
+    assert "none keeps them" not in curve.told
+    assert ShareCurve(points[2:]).best is None
 
 
 def test_the_interval_is_of_shares_that_an_error_might_choose():
@@ -116,6 +123,58 @@ def test_a_clock_that_is_over_leaves_the_smallest_shares(small):
     short = share_curve_of(spec, where=str(path), clock=Clock(0.0))
     assert 0 < len(short.points) < len(curve.points)
     assert not short.complete
+
+
+def test_without_a_map_every_cell_is_laid_by_the_tiling_that_is_asked_for(small):
+    path, spec, _, curve = small
+    assert not any(one.alike for one in curve.points)
+    alike = spec.model_copy(update={"design": spec.design.model_copy(update={"tiling": Tiling.PERIODIC})})
+    other = share_curve_of(alike, where=str(path), clock=Clock(0.0))
+    assert {one.alike for one in other.points if one.shape} == {True}
+
+
+def test_the_point_of_the_curve_is_laid_where_the_search_finds_no_die_that_holds_its_own(small, monkeypatch):
+    path, spec, _, curve = small
+    monkeypatch.setattr(design, "share_curve_of", lambda *_, **__: curve)
+    usual, asked = search.search, []
+
+    def refusing(question):
+        asked.append(question.begin)
+        if question.begin is None:
+            raise JobError("MF123", "none fits", cure="Ask for less")
+        return usual(question)
+
+    monkeypatch.setattr(search, "search", refusing)
+    designed = design.design(spec, "", where=str(path))
+    assert (asked[0], designed.shape) == (None, curve.best.shape)
+    assert np.array_equal(designed.opening.mask, curve.best.unit)
+
+
+def test_gains_are_over_a_panel_as_it_is_tiled(small):
+    path, spec, _, _ = small
+    slit = np.zeros((11, 11), dtype=np.bool_)
+    slit[:10, 4:6] = True
+    cells = np.zeros((2, 2), dtype=np.int8)
+    over = {}
+    for tiling in (Tiling.PERIODIC, Tiling.RANDOM):
+        panel = Panel(Opening("slit", slit, 8000), 8000, 0, cells, tiling, 0)
+        over[tiling] = share_curve_of(spec, where=str(path), over=panel, clock=Clock(0.0)).over
+    assert over[Tiling.RANDOM] > over[Tiling.PERIODIC] + 0.5
+
+
+def test_pixels_to_a_circuit_that_another_key_says_are_not_chosen(tmp_path):
+    path = job_of(tmp_path, CHOSEN, more=BOXES.replace('gap = "2', 'shared_by = 4\ngap = "2', 1) + DISPLAY)
+    spec = read(path)
+    curve = share_curve_of(spec, where=str(path), clock=Clock(0.0))
+    assert {one.sharing for one in curve.points} == {4}
+    assert with_choice(spec, curve, str(path)).display.sharing is None
+    assert "circuit" not in curve.told.partition(":")[0]
+
+
+def test_no_more_pixels_are_left_out_of_a_display_whose_pitch_leaves_some_out(tmp_path):
+    path = job_of(tmp_path, CHOSEN, more=BOXES + 'normal = "44 um"\n' + DISPLAY)
+    curve = share_curve_of(read(path), where=str(path), coarser=True, clock=Clock(0.0))
+    assert {one.across for one in curve.points} == {1}
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from itertools import chain, islice
 import numpy as np
 
 from maskfab.base.arrays import Mask
-from maskfab.base.model import Panel
+from maskfab.base.model import Panel, Tiling
 from maskfab.base.processes import ALONE, Call, SerialExecutor
 from maskfab.base.work import Clock, Progress, silent
 from maskfab.designs.rules.constraints import Constraints
@@ -42,8 +42,7 @@ ones rise too fast with the share: by 0.2 dB at a tenth of the pixel and 1 to 2 
 before the stop."""
 _CUT = " Time ran out before all shares were tried: with a longer budget another may be chosen."
 SHARINGS = (1, 2, 4)
-LEVELS = (*((sharing, 1) for sharing in SHARINGS), (1, 2))
-"""Pixels to a circuit, and pixels of the display around along one of the zone: finer levels first."""
+"""Pixels to a circuit, fewer first."""
 _SHARES = (0.2, 0.4, 0.3, 0.5, 0.1, 0.6, 0.45, 0.35, 0.55, 0.25, 0.65, 0.15)
 """Of the pixel, coarse steps first, so that a clock leaves out fine ones."""
 _MOST_SHAPES, _JUDGED = 900, 100
@@ -113,7 +112,7 @@ class ShareCurve:
         points: by sharing, then by share.
         over: restored PSNR of what gains are over, dB, as the points'; None where that is the point of the smallest
             share.
-        complete: whether every share was looked at.
+        complete: whether every share was looked at, and as long as it takes.
     """
 
     points: tuple[SharePoint, ...]
@@ -122,7 +121,7 @@ class ShareCurve:
 
     @cached_property
     def best(self) -> SharePoint | None:
-        """The point that the rule chooses; None where no display fits any share.
+        """The point that the rule chooses, among all that fit where none keeps its limits; None where none fits.
 
         Estimates flatter few large pixels, so that pixels are left out only where photographs say so.
         """
@@ -144,14 +143,21 @@ class ShareCurve:
     @property
     def told(self) -> str:
         """The choice and its rule, in a sentence."""
+        return self.told_as("chosen")
+
+    def told_as(self, done: str) -> str:
+        """The rule and what becomes of its choice, such as "chosen", in a sentence."""
         best, (low, high) = self.best, self.interval
         assert best is not None
         fitting = [point for point in self.points if point.shape]
         range_ = "" if low == high else f" ({low:.0%} to {high:.0%} for gains {ERROR_DB:g} dB off)"
+        zone, rule = "", f"the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits"
+        if len({(point.sharing, point.across) for point in self.points}) > 1:
+            zone = f" and {best.zone}"
+            rule += f", and fewer circuits, or pixels, only where they gain {COARSER_DB:g} dB"
+        rule += "" if best.holds else "; but none keeps them on a small die without a map"
         return (
-            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_} and {best.zone} were "
-            f"chosen: the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits, and fewer "
-            f"circuits, or pixels, only where they gain {COARSER_DB:g} dB."
+            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_}{zone}: {done} as {rule}."
             f"{'' if self.complete else _CUT}"
         )
 
@@ -166,7 +172,8 @@ class ShareCurve:
         return point.value - (first.value if self.over is None else self.over)
 
     def _knee(self, within_db: float, level: tuple[int, int]) -> SharePoint | None:
-        fitting = [point for point in self.points if (point.sharing, point.across) == level and point.holds]
+        held = [point for point in self.points if point.holds] or [point for point in self.points if point.shape]
+        fitting = [point for point in held if (point.sharing, point.across) == level]
         most = max((point.value for point in fitting), default=0.0)
         near = [point for point in fitting if point.value >= most - within_db]
         return min(near, key=lambda point: point.clear_dots, default=None)
@@ -221,10 +228,9 @@ def share_curve(
     points = _of_count(zones[0], stated, clock) if stated else []
     # So many at a time, however many processes there are, so that what is left out does not depend on them.
     steps = range(0, max(len(counts_of(zone.section.dots)) for zone in zones), _AT_ONCE)
-    cut = False
     for step in steps:
         progress("shares of the pixel", step, steps.stop)
-        if cut := step >= _LEAST and clock.over:
+        if step >= _LEAST and clock.over:
             break
         asked = [
             (held, count)
@@ -236,7 +242,7 @@ def share_curve(
         points += chain.from_iterable(task.result() for task in tasks)
     progress("shares of the pixel", steps.stop, steps.stop)
     points.sort(key=lambda point: (*_finest((point.sharing, point.across)), point.clear_dots))
-    return ShareCurve(tuple(points), over, complete=not cut)
+    return ShareCurve(tuple(points), over, complete=not clock.over)
 
 
 def _able(zone: Zone, clear_dots: int, points: Sequence[SharePoint]) -> Zone:
@@ -255,10 +261,11 @@ def _of_count(zone: Zone, clear_dots: int, clock: Clock) -> list[SharePoint]:
     points: list[SharePoint] = []
     for display in zone.displays:
         found, rules = None, constraints_of(section, display=display)
-        kinds = () if rules.conflict() is not None else kinds_of_panel(rules, crooked=False)
-        for held in kinds:
+        # Without a map nothing but the tiling that is asked for will be laid.
+        kinds = (rules,) if section.map is None else kinds_of_panel(rules, crooked=False)
+        for held in () if rules.conflict() is not None else kinds:
             # How circuits are shared changes nothing of the order.
-            alike = held["emitters"].wired is Wired.REGULAR
+            alike = _alike(held)
             if alike not in ranked:
                 ranked[alike] = _ranked(shapes, held, replace(zone.expected, periodic=alike or zone.expected.periodic))
             # With more circuits the last one holds, too: only better ones are asked.
@@ -279,8 +286,8 @@ def _ranked(shapes: Sequence[Candidate], rules: Constraints, expected: ExpectedP
         return []
     passing = np.full(len(roomy), display.opaque_lines)
     if asked is not None:
-        units, turned = np.stack([shape.unit for shape in roomy]), display.wired is not Wired.REGULAR
-        passing = straight_lines(units, rules.dot_nm, asked.rules, turned=turned)
+        units = np.stack([shape.unit for shape in roomy])
+        passing = straight_lines(units, rules.dot_nm, asked.rules, turned=not _alike(rules))
     straight = [shape for shape, lines in zip(roomy, passing, strict=True) if lines >= display.opaque_lines]
     # Where none pass straight, those with most room are asked.
     likely = thinned(straight, _JUDGED)[: 2 * _JUDGED] or roomy[:_JUDGED]
@@ -290,7 +297,7 @@ def _ranked(shapes: Sequence[Candidate], rules: Constraints, expected: ExpectedP
 
 def _first(display: Display, held: Constraints, ranked: Sequence[Ranked], clock: Clock) -> SharePoint | None:
     """The first shape whose display fits on a small die."""
-    looked, alike = 0, held["emitters"].wired is Wired.REGULAR
+    looked, alike = 0, _alike(held)
     for shape in islice(_few_of_a_kind(ranked), _WALKED):
         if looked >= _LOOKED or (looked and clock.over):
             break
@@ -316,10 +323,16 @@ def _seen(shape: Ranked, lit: Panel, answer: Feasibility, display: Display, held
     most = max(answer.share, footprints_of(held, rules.emitters)(shape.unit))
     longer = (most / answer.share) ** rules.light.ageing_exponent
     lives = [replace(one, value=one.value * longer) if one.name == "life" else one for one in judged.lives]
-    numbers, alike = (*judged.looks, *lives), held["emitters"].wired is Wired.REGULAR
+    numbers = (*judged.looks, *lives)
     return SharePoint(
-        held.clear_dots, dots, rules.zone.sharing, 1, shape.name, shape.value, alike, most, numbers, shape.unit
+        held.clear_dots, dots, rules.zone.sharing, 1, shape.name, shape.value, _alike(held), most, numbers, shape.unit
     )
+
+
+def _alike(rules: Constraints) -> bool:
+    """Whether all cells of the display's panel are laid alike."""
+    display: Display = rules["emitters"]
+    return display.wired is Wired.REGULAR or (display.wired is Wired.TILING and display.tiling is Tiling.PERIODIC)
 
 
 def _few_of_a_kind(shapes: Iterable[Ranked]) -> Iterator[Ranked]:

@@ -104,7 +104,8 @@ class Advised:
         level_db: the job's light, or the middle one of several.
         unobstructed: gain over the reference of a clear stop of the design's light.
         reaches: larger openings; none where time was over.
-        curve: shares of the pixel and levels of sharing, of which the design's was chosen.
+        curve: shares of the pixel and levels of sharing, of which the design's was chosen, unless the job states it.
+        stated: whether the design has the share that the job states.
         unkept: limits of the eye that an earlier, freer design breaks, and what became of one that keeps them; None
             where the first design keeps all.
         limit_cost_db: expected restored PSNR that keeping them costs; None where no design was found that does.
@@ -122,6 +123,7 @@ class Advised:
     bids: tuple[Bid, ...]
     reaches: tuple[Reach, ...]
     curve: ShareCurve
+    stated: bool = False
     unkept: str | None = None
     limit_cost_db: float | None = None
     notes: tuple[str, ...] = ()
@@ -290,8 +292,11 @@ def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
 
 def _decided(advised: Advised) -> str:
     """Share of the pixel and circuits over the camera, in words, and whether they were chosen or stated."""
-    display, opening, best = advised.display, advised.designed.opening, advised.curve.best
-    by = "chosen" if best is not None and best.clear_dots == opening.clear_dots else "as stated"
+    display, opening = advised.display, advised.designed.opening
+    by = "fewer than" if advised.designed.shortfall is not None else "as" if advised.stated else ""
+    by = f"{by} {'stated' if advised.stated else 'chosen'}".lstrip()
+    if advised.curve.best is None and not advised.stated:
+        by = "the least that is looked at"
     share = f"{opening.open_ratio:.0%} of the pixel clear, {by}"
     return share if display is None else f"{share}, and {display.resolution_ppi:.0f} ppi of circuits over the camera"
 
@@ -413,8 +418,14 @@ def _reference_misfit(advised: Advised) -> str | None:
     job, rules = advised.job, display_rules(advised.job)
     panel = job.panels()[job.spec.die[0].name]
     few = replace(panel, orientations=panel.orientations[:_FEW, :_FEW])
+    if rules is None:
+        return None
     try:
-        return None if rules is None else misfit(feasibility(few, rules, largest=False))
+        # Lines of pixels that are left out pass a wider one beside it: as many fewer pass each of the reference.
+        wider = rules.zone.across(job.panels()[advised.name].pitch_nm) // rules.zone.across(panel.pitch_nm)
+        if rules.wires is not None and wider > 1:
+            rules = replace(rules, wires=replace(rules.wires, lines=rules.wires.lines // wider))
+        return misfit(feasibility(few, rules, largest=False))
     except JobError as refusal:
         return refusal.what
 
@@ -494,15 +505,19 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     )
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
-    return curve.told, method, rows
+    return (
+        curve.told_as("what the rule takes, for the job states another," if advised.stated else "chosen"),
+        method,
+        rows,
+    )
 
 
 def _points(curve: ShareCurve) -> list[SharePoint]:
-    """Points that are worth a row: those that fit, with fewer circuits only where these gain anything."""
+    """Points that are worth a row: the chosen one, and those that fit, with fewer circuits only where they gain."""
     best: dict[float, float] = {}
     points = []
     for point in (one for one in curve.points if one.shape):
-        if point.value > best.get(point.share, -math.inf):
+        if point is curve.best or point.value > best.get(point.share, -math.inf):
             best[point.share] = point.value
             points.append(point)
     return points
@@ -515,7 +530,7 @@ def _point_row(advised: Advised, point: SharePoint) -> Document:
     pays += ["all cells laid alike"] * point.alike
     broken = [number.title for number in point.numbers if number.passed is False]
     pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
-    chosen = ["chosen"] if point is advised.curve.best else []
+    chosen = ["the rule's choice" if advised.stated else "chosen"] if point is advised.curve.best else []
     how = "; ".join([*chosen, _asked(point), point.shape, *pays])
     name, gain = f"gain at {point.share:.0%}, {point.zone}", advised.curve.gain_db(point)
     return _row(name, gain, "dB", how, error=point.error_db)
@@ -617,7 +632,10 @@ def _assumes(advised: Advised) -> Iterator[str]:
 
 def advice_lines(document: Record) -> list[str]:
     """The answer for a terminal."""
-    lines = [document["verdict"], *(f"But: {one}." for one in document["caveats"] if one not in document["verdict"])]
+    lines = [
+        document["verdict"],
+        *(f"But: {one}." for one in document["caveats"] if one[1:] not in document["verdict"]),
+    ]
     for answer in document["answers"]:
         lines += ["", f"{answer['question']}: {answer['sentence']}", answer["method"]]
         lines += [
