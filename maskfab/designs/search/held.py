@@ -201,7 +201,7 @@ def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _K
 
 
 def _places(units: Mask) -> Ints:
-    """Closed rows below and columns left of what is clear, then rows above and columns right of it; int64 [units, 4]."""
+    """Closed rows below, columns left of what is clear, rows above and columns right of it; int64 [units, 4]."""
     rows, columns = (np.asarray(units.any(axis=axis)) for axis in (2, 1))
     return np.stack([part.argmax(axis=1) for part in (rows, columns, rows[:, ::-1], columns[:, ::-1])], axis=1)
 
