@@ -55,8 +55,8 @@ def sought(spec: JobSpec, many: str = "") -> str:
     """
     section = spec.design
     assert section is not None
-    many = many or str(section.clear_dots or "a chosen number")
-    dots = f"{many} of {section.dots} x {section.dots} dots clear in {section.pitch:g} um"
+    many = many or str(section.clear_dots or "a chosen number of")
+    dots = f"{many} clear dots of {section.dots} x {section.dots} in {section.pitch:g} um"
     if not isinstance(section, SearchSection):
         return f"descend to an opening, {dots}"
     held = ", round which the display must fit" if section.fit else ""

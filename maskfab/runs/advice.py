@@ -296,11 +296,16 @@ class _Work:
         limits, broken = _limits(first.built)
         if not broken:
             return first
-        found, unkept = self.under(limits, " and ".join(broken), first.designed)
+        named = " and ".join(broken)
+        found, unkept = self.under(limits, named, first.designed)
         best = first if found is first.designed else self.laid(found)
         if _limits(best.built)[1] and (held := self.of_point(point)) is not None:
             other = self.laid(held)
-            best = best if _limits(other.built)[1] else other
+            if not _limits(other.built)[1]:
+                best, unkept = (
+                    other,
+                    f"the best that was searched for breaks {named}, and the curve's own opening does not",
+                )
         cost = None if best is first else laid_db(first.designed) - laid_db(best.designed)
         return replace(best, unkept=unkept, cost_db=cost)
 

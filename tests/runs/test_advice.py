@@ -421,6 +421,18 @@ def test_a_reference_has_the_lines_of_its_own_pixels_where_those_of_the_design_a
         assert ("could not be built" in sentence) == (not fits)
 
 
+def test_limits_that_the_point_of_the_curve_keeps_are_not_told_as_broken(monkeypatch):
+    first, point = (advice._Laid(name, None, name) for name in ("searched", "of the curve"))
+    monkeypatch.setattr(advice, "_limits", lambda built: ({}, ["slow grain"] if built == "searched" else []))
+    monkeypatch.setattr(advice, "laid_db", {"searched": 20.0, "of the curve": 19.5}.get)
+    monkeypatch.setattr(advice._Work, "under", lambda *_: ("searched", "--budget '3 min' looks for one"))
+    monkeypatch.setattr(advice._Work, "of_point", lambda *_: "of the curve")
+    monkeypatch.setattr(advice._Work, "laid", lambda _, designed: point)
+    held = advice._Work(*[None] * 9).within_limits(first, None)
+    assert (held.designed, held.cost_db) == ("of the curve", 0.5)
+    assert "breaks slow grain, and the curve's own opening does not" in held.unkept
+
+
 def test_the_page_opens_anywhere_and_runs_nothing(browser, folder):
     assert faults(browser, folder / "advice.html") == []
     assert browser.run("return document.scripts.length") == 0

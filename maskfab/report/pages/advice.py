@@ -293,7 +293,7 @@ def _verdict(advised: Advised, reasons: Sequence[str]) -> str:
 def _decided(advised: Advised) -> str:
     """Share of the pixel and circuits over the camera, in words, and whether they were chosen or stated."""
     display, opening = advised.display, advised.designed.opening
-    by = "fewer than" if advised.designed.shortfall is not None else "as" if advised.stated else ""
+    by = "less than" if advised.designed.shortfall is not None else "as" if advised.stated else ""
     by = f"{by} {'stated' if advised.stated else 'chosen'}".lstrip()
     if advised.curve.best is None and not advised.stated:
         by = "the least that is looked at"
