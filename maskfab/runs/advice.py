@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, cast
 
@@ -88,6 +89,8 @@ _LIGHTS = 10.0
 """Times less light, and more, that photographs are taken in beside the stated light."""
 _CHOICE = 0.45
 """Share of the time in which the share of the pixel is chosen."""
+_SHOWN, _LEAST_SHOWN = 0.35, 6
+"""Share of the time left in which points of the curve are photographed, and the fewest of them."""
 _LESS_EMITTER, _MOST_DOTS = 0.02, 128
 """Share of the pixel, all colours together, by which emitters are eased; dots along a pixel."""
 _SEARCHED, _MAPS = ("delta_e", "grain"), 1.1
@@ -383,14 +386,18 @@ class _Work:
     def photographed_curve(
         self, curve: ShareCurve, usual: Task[Restored], conditions: Conditions, level: float
     ) -> ShareCurve:
-        """The curve by photographs at one level of light in place of estimates, if there is time."""
-        before, one = usual.result(), replace(conditions, levels=(level,))
-        units = {
-            (point.across, point.alike, point.unit.tobytes()): point for point in curve.points if point.unit is not None
-        }
-        each_s = usual.seconds / len(conditions.levels)
-        if before.refused is not None or not self.clock.affords(len(units) * each_s / self.executor.processes):
+        """The curve by photographs at one level of light, of the best points of every level that there is time for."""
+        before, one, left = usual.result(), replace(conditions, levels=(level,)), self.clock.left()
+        if before.refused is not None or left == 0:
             return curve
+        units = {
+            (point.across, point.alike, point.unit.tobytes()): point
+            for point in curve.best_first
+            if point.unit is not None
+        }
+        if left is not None:
+            each_s = usual.seconds / (len(conditions.levels) * self.executor.processes)
+            units = dict(islice(units.items(), max(_LEAST_SHOWN, int(_SHOWN * left / each_s))))
         around, panels = Surroundings.of(self.before), {key: self._panel(point) for key, point in units.items()}
         calls = [
             Call(photograph_die, partial(tuple, (one, around, "share", panel, False))) for panel in panels.values()
@@ -400,8 +407,9 @@ class _Work:
         own = {score.scene: score.psnr for score in before.scores if score.level_db == level}
 
         def photographed(point: SharePoint) -> SharePoint:
-            if point.unit is None or not (scores := seen[point.across, point.alike, point.unit.tobytes()].scores):
-                return replace(point, shape="", unit=None)
+            shown = None if point.unit is None else seen.get((point.across, point.alike, point.unit.tobytes()))
+            if shown is None or not (scores := shown.scores):
+                return point if shown is None else replace(point, shape="", unit=None)
             gain = MeanDifference.of([score.psnr - own[score.scene] for score in scores])
             value = float(np.mean([score.psnr for score in scores]))
             return replace(point, value=value, error_db=None if math.isnan(gain.half_width) else gain.half_width)

@@ -211,3 +211,11 @@ def test_pixels_are_left_out_only_where_photographs_say_so():
     assert ShareCurve((whole, seen)).best is seen
     # A gain below a decibel is not worth coarser pixels.
     assert ShareCurve((whole, replace(seen, value=20.9))).best is whole
+
+
+def test_photographs_go_to_the_best_of_every_level_first():
+    points = (point(10, 1, 20.0), point(20, 1, 25.0), point(10, 4, 21.0), point(20, 4, 30.0))
+    curve = ShareCurve(points)
+    assert [one.value for one in curve.best_first] == [25.0, 30.0, 20.0, 21.0]
+    # What was photographed alone is chosen among.
+    assert ShareCurve((*points[:3], replace(points[3], error_db=0.3))).best.value == 30.0

@@ -166,6 +166,15 @@ class ShareCurve:
         """Whether gains are of photographs, and no estimates."""
         return any(point.error_db is not None for point in self.points)
 
+    @property
+    def best_first(self) -> list[SharePoint]:
+        """Points that fit, by how far they lie below the best of their level."""
+        most: dict[str, float] = {}
+        fitting = [point for point in self.points if point.shape]
+        for point in fitting:
+            most[point.zone] = max(point.value, most.get(point.zone, -math.inf))
+        return sorted(fitting, key=lambda point: most[point.zone] - point.value)
+
     def gain_db(self, point: SharePoint) -> float:
         """Expected gain of a point."""
         first = min((one for one in self.points if one.shape), key=lambda one: one.clear_dots)
@@ -173,7 +182,8 @@ class ShareCurve:
 
     def _knee(self, within_db: float, level: tuple[int, int]) -> SharePoint | None:
         held = [point for point in self.points if point.holds] or [point for point in self.points if point.shape]
-        fitting = [point for point in held if (point.sharing, point.across) == level]
+        seen = [point for point in held if point.error_db is not None] or held
+        fitting = [point for point in seen if (point.sharing, point.across) == level]
         most = max((point.value for point in fitting), default=0.0)
         near = [point for point in fitting if point.value >= most - within_db]
         return min(near, key=lambda point: point.clear_dots, default=None)

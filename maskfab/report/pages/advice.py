@@ -531,7 +531,8 @@ def _point_row(advised: Advised, point: SharePoint) -> Document:
     broken = [number.title for number in point.numbers if number.passed is False]
     pays += [f"breaks {' and '.join(broken)}"] * bool(broken)
     chosen = ["the rule's choice" if advised.stated else "chosen"] if point is advised.curve.best else []
-    how = "; ".join([*chosen, _asked(point), point.shape, *pays])
+    guessed = ["estimate"] * (advised.curve.photographed and point.error_db is None)
+    how = "; ".join([*chosen, *guessed, _asked(point), point.shape, *pays])
     name, gain = f"gain at {point.share:.0%}, {point.zone}", advised.curve.gain_db(point)
     return _row(name, gain, "dB", how, error=point.error_db)
 
