@@ -212,7 +212,7 @@ def test_the_answer_names_what_decided_it(answer):
     costs = next(each for each in document["answers"] if each["key"] == "costs")
     assert costs["sentence"].startswith("289 ppi of circuits over the camera")
     others = next(each for each in document["answers"] if each["key"] == "others")
-    assert "what the rule takes, for the job states another" in others["sentence"]
+    assert "the rule's choice beside what the job states" in others["sentence"]
     assert not any(row["how"].startswith("chosen") for row in others["rows"])
     assert any(row["how"].startswith("the rule's choice") for row in others["rows"])
 

@@ -506,7 +506,7 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
     return (
-        curve.told_as("what the rule takes, for the job states another," if advised.stated else "chosen"),
+        curve.told_as("the rule's choice beside what the job states," if advised.stated else "chosen"),
         method,
         rows,
     )
