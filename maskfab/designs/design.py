@@ -33,10 +33,18 @@ from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.result import Designed, constraints_of
 from maskfab.display.feasibility import rules_of
 from maskfab.job.camera import Sensor
-from maskfab.job.faults import JobFaults
+from maskfab.job.faults import JobFaults, parse_section
 from maskfab.job.process import UNSTATED
 from maskfab.job.reference import USES, Keys, unused
-from maskfab.job.sections import DesignSection, DisplaySection, JobSpec, RelaxSection, SceneSection, SearchSection
+from maskfab.job.sections import (
+    DesignSection,
+    DisplaySection,
+    JobSpec,
+    RelaxSection,
+    SceneSection,
+    SearchSection,
+    WiresSection,
+)
 from maskfab.mask.opening_file import dot_of_pitch
 from maskfab.optics.scene.scene import Scene
 
@@ -251,6 +259,8 @@ def _left_out(spec: JobSpec) -> JobSpec:
     """The job with three of four pixels left out: those of the zone twice as wide, passed by the lines of two."""
     display, section, wires = spec.display or DisplaySection(), spec.design, spec.wires
     assert section is not None
+    if wires is not None:
+        parse_section(WiresSection, {"lines": 2 * wires.lines}, where="wires")
     parts = {
         "design": section.model_copy(update={"pitch": 2 * section.pitch}),
         "wires": wires and wires.model_copy(update={"lines": 2 * wires.lines}),
