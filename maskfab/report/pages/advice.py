@@ -501,7 +501,7 @@ def _others(advised: Advised) -> tuple[str, str, list[Document]]:
     method = (
         f"Gains of shares are over {advised.reference}, by {by}; others over the design, mean over the light, before a "
         f"map unless said otherwise: {_MODEL}. A row of a share has the keys of [design] and [display] that ask for "
-        "it, or what is left out, the share of each colour's emitters, and life and slow grain beside the display around."
+        "it, or what is left out, the share of each colour's emitters, and life and slow grain beside those around."
     )
     if curve.best is None:
         return "No share of the pixel was found that a display fits.", method, rows
