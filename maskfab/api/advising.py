@@ -40,7 +40,7 @@ from maskfab.runs.off_axis import off_axis
 if TYPE_CHECKING:
     from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
 
-BUDGET = "45 s"
+BUDGET = "40 s"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +121,7 @@ def advise(
         answers: answer about the display and its camera, in place of a job, such as ``lines``; the rest has defaults.
             ``device`` answers what was published of one, as :func:`maskfab.new` lists them.
         budget: time from the call on, such as ``"5 min"``; more finds better openings, proves bounds and tries more; by
-            default 45 s, or as long as the first openings and their photographs take where the machine is slow.
+            default 40 s, or as long as the first openings and their photographs take where the machine is slow.
         dry_run: tell what would be designed, by which job, and for how long; write nothing.
         images: folder of photographs to design for; by default synthetic scenes.
         progress: told where the work stands.

@@ -45,7 +45,7 @@ def test_a_front_is_told_beforehand(capsys: pytest.CaptureFixture[str], tmp_path
 
 def test_advice_from_answers_shows_the_job_and_what_moved() -> None:
     told = mf.advise(answers=ANSWERS, dry_run=True)
-    assert told.budget_s == 45
+    assert told.budget_s == 40
     assert any("pitch 55.217 um -> 55 um" in note for note in told.notes)
     assert loads(told.job)["design"]["pitch"] == "55 um"
     assert told.job in str(told)
@@ -53,7 +53,7 @@ def test_advice_from_answers_shows_the_job_and_what_moved() -> None:
 
 
 def test_advice_needs_no_folder_to_be_told_beforehand(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "takes: 45 s" in command(capsys, "advise", FITS, "--dry-run").stdout
+    assert "takes: 40 s" in command(capsys, "advise", FITS, "--dry-run").stdout
 
 
 @pytest.mark.parametrize(
