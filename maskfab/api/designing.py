@@ -586,10 +586,11 @@ def _front(
     if not isinstance(section, SearchSection):
         what = "a sweep is among compact shapes, and the job has no [design] that searches them"
         faults.add(JobError("MF105", what, where=f"{path}: design", cure='Add [design] with method = "search"'))
+    with faults:
+        camera = PhotoCamera.of(spec.camera, where=str(path))
     faults.refuse()
     assert spec.pareto is not None
     assert isinstance(section, SearchSection)
-    camera = PhotoCamera.of(spec.camera, where=str(path))
     settings = capture_settings(spec)
     require_weights(section, settings, str(path))
     compared = [load_opening(path.parent / name) for name in spec.pareto.compare]
