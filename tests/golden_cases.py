@@ -188,7 +188,6 @@ _CASES = (
     Case("check/fits_in_words", "check layouts/display_that_fits.toml --die FITS", LAYOUTS, text=True),
     Case("check/largest_gap", "check layouts/first_plate.toml --die OURS --largest-gap", LAYOUTS),
     Case("check/density", "check layouts/display_density.toml", LAYOUTS, quick=True),
-    Case("check/density", "check layouts/display_density.toml", LAYOUTS),
     Case("check/no_emitters", "check layouts/displays.toml", LAYOUTS),
     Case("check/shop", "order pack small.toml --shop generic-chrome --format gdsii --dry-run", SMALL),
     Case("check/no_shop", "order pack small.toml --shop nobody --dry-run", SMALL),
