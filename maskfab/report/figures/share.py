@@ -28,7 +28,8 @@ def curve(found: ShareCurve) -> str:
             at = [100 * point.share for point in points], [value(point) for point in points]
             axes.plot(*at, color=colour, lw=1.2, label=words)
             for point, x, y in zip(points, *at, strict=True):
-                axes.plot(x, y, mark, ms=5, mec=colour, mfc=colour if point.holds else "none")
+                size = 3 if found.photographed and point.error_db is None else 6
+                axes.plot(x, y, mark, ms=size, mec=colour, mfc=colour if point.holds else "none")
     if found.best is not None:
         for axes, height in ((gains, found.gain_db(found.best)), (lives, _life(found.best))):
             axes.plot(100 * found.best.share, height, "o", ms=13, mfc="none", mec=INK, mew=1.4)
