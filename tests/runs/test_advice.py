@@ -362,7 +362,7 @@ def test_the_verdict_says_what_it_is_no_verdict_on(answer):
         told == "judged with the display at the lens and along the axis alone, for [scene] states no gap and no field"
     )
     assert str(answer).lower().count(told) == 1
-    assert answer._repr_html_().count(told) == 1
+    assert answer._repr_html_().lower().count(told) == 1
 
 
 @pytest.mark.parametrize(
