@@ -449,7 +449,7 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
         across = side_nm // pitch_nm
     rules = rules_of(spec, spec.emitters, where)
-    seed = section.seed if section.tiling_seed is None else section.tiling_seed
+    seed = section.drawn_seed
     return Display.of(rules, section.tiling, seed, before, max(before, across))
 
 

@@ -43,7 +43,7 @@ from maskfab.designs.rules.display_fit import OF_THE_EYE, Display, Footprints, f
 from maskfab.designs.rules.families import FAMILIES, Candidate
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.designs.search.panel_map import map_of
-from maskfab.designs.search.question import MAP_LEAK_SCENES, Judges, map_seed
+from maskfab.designs.search.question import MAP_LEAK_SCENES, Judges
 from maskfab.designs.search.result import (
     Alternatives,
     Prices,
@@ -470,7 +470,7 @@ class _Sweep:
 
     def _moved(self, unit: Mask) -> float:
         error = self.panels.in_focus
-        kinds = orientations(self.section.tiling, error.cells, error.cells, map_seed(self.section))
+        kinds = orientations(self.section.tiling, error.cells, error.cells, self.section.drawn_seed)
         return moved_by_bias(unit, kinds, error, self._bias_um)
 
     def given(self, opening: Opening) -> JudgedOpening:
@@ -641,7 +641,7 @@ class _Sweep:
             return allowed(section, replace(held, clear_dots=count), self.objective, clock, self._told(count))
 
         assert self.error is not None
-        seed, progress = map_seed(self.section), self._told(uniform.clear_dots)
+        seed, progress = self.section.drawn_seed, self._told(uniform.clear_dots)
         density = float(uneven[-1][1])
         try:
             middle = Denser(density)
@@ -662,7 +662,7 @@ class _Sweep:
     def _middles(self, uniform: JudgedOpening, rules: Constraints, clock: Clock) -> tuple[list[FrontPoint], list[str]]:
         """Middles of every density that the display's most lines leave, gain against grain; why others fail."""
         assert self.error is not None
-        lines, seed, progress = self.lines[-1], map_seed(self.section), self._told(uniform.clear_dots)
+        lines, seed, progress = self.lines[-1], self.section.drawn_seed, self._told(uniform.clear_dots)
         held = self._holding(rules, 0.0, lines).on_any_map.without(*OF_THE_EYE)
 
         def find(count: int) -> Iterator[Mask]:
@@ -703,7 +703,7 @@ class _Sweep:
     def _mapped(self, unit: Mask, steps: int | None) -> DesignedMap | None:
         if self.section.map is None or self.error is None:
             return None
-        mode, seed = MapMode(self.section.map), map_seed(self.section)
+        mode, seed = MapMode(self.section.map), self.section.drawn_seed
         return design_map(unit, self.error, mode=mode, seed=seed, kicks=0, steps=steps)
 
 

@@ -164,6 +164,11 @@ class DesignSection(Section):
     output: str | None = None
     """File of the opening, relative to the job."""
 
+    @property
+    def drawn_seed(self) -> int:
+        """Seed of the tiling that is drawn, and of the random map that a map starts from."""
+        return self.seed if self.tiling_seed is None else self.tiling_seed
+
 
 DensityOrSearch = Annotated[
     Annotated[Literal["search"], Tag(WORD)] | Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False), Tag(NUMBER)],

@@ -345,7 +345,7 @@ class _Work:
         own = [die for die in self.spec.die if die.opening == section.output]
         tiling = section.tiling if designed.account is None else designed.account.tiling
         name = own[0].name if own else opening.name.upper()
-        seed = section.seed if section.tiling_seed is None else section.tiling_seed
+        seed = section.drawn_seed
         die = DieSection.model_validate(
             {
                 "name": name if name != old.die[0].name else f"{name[:20]}_NEW",
@@ -390,11 +390,7 @@ class _Work:
         before, one, left = usual.result(), replace(conditions, levels=(level,)), self.clock.left()
         if before.refused is not None or left == 0:
             return curve
-        units = {
-            (point.across, point.alike, point.unit.tobytes()): point
-            for point in curve.best_first
-            if point.unit is not None
-        }
+        units = {point.panel_key: point for point in curve.best_first}
         if left is not None:
             each_s = usual.seconds / (len(conditions.levels) * self.executor.processes)
             units = dict(islice(units.items(), max(_LEAST_SHOWN, int(_SHOWN * left / each_s))))
@@ -407,7 +403,7 @@ class _Work:
         own = {score.scene: score.psnr for score in before.scores if score.level_db == level}
 
         def photographed(point: SharePoint) -> SharePoint:
-            shown = None if point.unit is None else seen.get((point.across, point.alike, point.unit.tobytes()))
+            shown = seen.get(point.panel_key)
             if shown is None or not (scores := shown.scores):
                 return point if shown is None else replace(point, shape="", unit=None)
             gain = MeanDifference.of([score.psnr - own[score.scene] for score in scores])
@@ -423,7 +419,7 @@ class _Work:
         dot_nm = dot_of_pitch(section.pitch, section.dots, where=where) * point.across
         across = math.ceil(self.spec.camera.stop.diameter_um * NM_PER_UM / (dot_nm * section.dots)) + 2
         tiling = Tiling.PERIODIC if point.alike else section.tiling
-        seed = section.seed if section.tiling_seed is None else section.tiling_seed
+        seed = section.drawn_seed
         cells = orientations(tiling, across, across, seed)
         return Panel(Opening("share", point.unit, dot_nm), dot_nm, 0, cells, tiling, seed)
 

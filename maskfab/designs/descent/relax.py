@@ -147,7 +147,7 @@ def relax(
             bettered,
             stopped(cut),
             section.tiling,
-            section.seed if section.tiling_seed is None else section.tiling_seed,
+            section.drawn_seed,
             asked_of(rules),
         ),
     )

@@ -22,7 +22,6 @@ from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.question import (
     Prepared,
-    map_seed,
 )
 from maskfab.designs.search.result import (
     Facts,
@@ -95,7 +94,7 @@ def _of_one(ready: Prepared, chosen: Listed, error: PanelError, mode: MapMode) -
         error,
         rules,
         rounds=section.joint if guard is None else 0,
-        seed=map_seed(section),
+        seed=section.drawn_seed,
         mode=mode,
         positions=section.positions,
         clock=clock,
@@ -133,7 +132,7 @@ def _kicks(rules: Constraints, clock: Clock) -> int:
 def _of_two(ready: Prepared, unit: Mask, rules: Constraints, error: PanelError) -> Mapped:
     """A map of two openings, the denser one in the middle."""
     section, clock, progress = ready.section, ready.stages.map, ready.question.progress
-    kicks, seed = _kicks(rules, clock), map_seed(section)
+    kicks, seed = _kicks(rules, clock), section.drawn_seed
     notes = ("Time ran out: each map got one pass of its search.",) if clock.over else ()
     room = None
     assert section.density is not None

@@ -281,8 +281,3 @@ def _stages(
     die_s = 0.0 if look is None else look.seconds
     mapped, fitted = section.map is not None, look is not None
     return Stages.of(expected, unit, clock, mapped=mapped, fitted=fitted, die_s=die_s), look
-
-
-def map_seed(section: SearchSection) -> int:
-    """Seed of the random map that a map starts from."""
-    return section.seed if section.tiling_seed is None else section.tiling_seed

@@ -40,7 +40,6 @@ from maskfab.designs.search.question import (
     Prepared,
     Question,
     for_any_map,
-    map_seed,
     prepare,
 )
 from maskfab.designs.search.result import (
@@ -111,7 +110,7 @@ def _shapes(ready: Prepared) -> tuple[Best, tuple[Listed, ...]]:
         progress,
         judge=expected,
         mode=MapMode(section.map),
-        seed=map_seed(section),
+        seed=section.drawn_seed,
         positions=section.positions,
         start=ready.start,
         executor=question.executor,
@@ -225,7 +224,7 @@ def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None
 
 
 def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
-    seed, shape = map_seed(section), (error.cells, error.cells)
+    seed, shape = section.drawn_seed, (error.cells, error.cells)
     kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
     units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
     if laid.designed is not None and laid.designed.shifts:
@@ -247,7 +246,7 @@ def _alternatives(
     """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
     if laid.outer is not None or not state.near:
         return None
-    seed, shape = map_seed(section), (error.cells, error.cells)
+    seed, shape = section.drawn_seed, (error.cells, error.cells)
     # One tiling for all, so that openings are compared and not tilings.
     kinds = orientations(section.tiling, *shape, seed)
     own = state.best.value if np.array_equal(laid.unit, state.best.unit) else expected(laid.unit)
@@ -282,7 +281,7 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
         state.bettered,
         stopped(state.cut or laid.cut),
         section.tiling,
-        map_seed(section),
+        section.drawn_seed,
         asked_of(rules),
         priced_among=len(state.looked),
     )
@@ -291,7 +290,7 @@ def _account(section: SearchSection, state: Best, rules: Constraints, laid: Mapp
 def over_scene(section: SearchSection, laid: Mapped, dot_nm: int, judges: Judges, seen: SceneConditions) -> SceneDesign:
     """Appraise a panel in every condition."""
     errors = judges.by_distance or (judges.in_focus,)
-    seed, across = map_seed(section), cells_across(seen.camera, seen.scene, judges.room)
+    seed, across = section.drawn_seed, cells_across(seen.camera, seen.scene, judges.room)
 
     def panel(given: CellMap | None) -> Panel:
         return designed_panel(

@@ -99,6 +99,11 @@ class SharePoint:
         return "a circuit for every pixel" if self.sharing == 1 else f"{self.sharing} pixels to a circuit"
 
     @property
+    def panel_key(self) -> tuple[int, bool, bytes] | None:
+        """Of its panel, which points of several levels may share; None where there is none."""
+        return None if self.unit is None else (self.across, self.alike, self.unit.tobytes())
+
+    @property
     def holds(self) -> bool:
         """Whether a display fits it and keeps its limits."""
         return bool(self.shape) and kept(self.numbers)
@@ -133,6 +138,11 @@ class ShareCurve:
         return best
 
     @property
+    def fitting(self) -> list[SharePoint]:
+        """Points with an opening that a display fits."""
+        return [point for point in self.points if point.shape]
+
+    @property
     def interval(self) -> tuple[float, float]:
         """Shares from which and up to which the rule might choose, for the error of gains."""
         assert self.best is not None
@@ -149,7 +159,6 @@ class ShareCurve:
         """The rule and what becomes of its choice, such as "chosen", in a sentence."""
         best, (low, high) = self.best, self.interval
         assert best is not None
-        fitting = [point for point in self.points if point.shape]
         range_ = "" if low == high else f" ({low:.0%} to {high:.0%} for gains {ERROR_DB:g} dB off)"
         zone, rule = "", f"the smallest share within {WITHIN_DB:g} dB of the best that fits and keeps its limits"
         if len({(point.sharing, point.across) for point in self.points}) > 1:
@@ -157,8 +166,8 @@ class ShareCurve:
             rule += f", and fewer circuits, or pixels, only where they gain {COARSER_DB:g} dB"
         rule += "" if best.holds else "; but none keeps them on a small die without a map"
         return (
-            f"Of {len(fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_}{zone}: {done} as {rule}."
-            f"{'' if self.complete else _CUT}"
+            f"Of {len(self.fitting)} displays that fit, {best.share:.0%} of the pixel clear{range_}{zone}: {done} as "
+            f"{rule}.{'' if self.complete else _CUT}"
         )
 
     @property
@@ -170,18 +179,17 @@ class ShareCurve:
     def best_first(self) -> list[SharePoint]:
         """Points that fit, by how far they lie below the best of their level."""
         most: dict[str, float] = {}
-        fitting = [point for point in self.points if point.shape]
-        for point in fitting:
+        for point in self.fitting:
             most[point.zone] = max(point.value, most.get(point.zone, -math.inf))
-        return sorted(fitting, key=lambda point: most[point.zone] - point.value)
+        return sorted(self.fitting, key=lambda point: most[point.zone] - point.value)
 
     def gain_db(self, point: SharePoint) -> float:
         """Expected gain of a point."""
-        first = min((one for one in self.points if one.shape), key=lambda one: one.clear_dots)
+        first = min(self.fitting, key=lambda one: one.clear_dots)
         return point.value - (first.value if self.over is None else self.over)
 
     def _knee(self, within_db: float, level: tuple[int, int]) -> SharePoint | None:
-        held = [point for point in self.points if point.holds] or [point for point in self.points if point.shape]
+        held = [point for point in self.fitting if point.holds] or self.fitting
         seen = [point for point in held if point.error_db is not None] or held
         fitting = [point for point in seen if (point.sharing, point.across) == level]
         most = max((point.value for point in fitting), default=0.0)

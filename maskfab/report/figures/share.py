@@ -20,8 +20,7 @@ def curve(found: ShareCurve) -> str:
     """Gain and life over the share of the pixel that is clear, as an ``<img>``; a ring is round the chosen point."""
     figure = Figure(figsize=_SIZE)
     gains, lives = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
-    fitting = [point for point in found.points if point.shape]
-    levels = groupby(fitting, key=lambda point: point.zone)
+    levels = groupby(found.fitting, key=lambda point: point.zone)
     for (words, own), (colour, mark) in zip(levels, _LOOKS, strict=False):
         points = list(own)
         for axes, value in ((gains, found.gain_db), (lives, _life)):

@@ -516,7 +516,7 @@ def _points(curve: ShareCurve) -> list[SharePoint]:
     """Points that are worth a row: the chosen one, and those that fit, with fewer circuits only where they gain."""
     best: dict[float, float] = {}
     points = []
-    for point in (one for one in curve.points if one.shape):
+    for point in curve.fitting:
         if point is curve.best or point.value > best.get(point.share, -math.inf):
             best[point.share] = point.value
             points.append(point)
