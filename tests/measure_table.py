@@ -24,7 +24,7 @@ from optics_cases import camera, noise, panel
 from maskfab.base.model import Panel
 from maskfab.camera.frames.frame import Frame
 from maskfab.camera.frames.merge import merged
-from maskfab.camera.inspection.causes import Cause
+from maskfab.camera.inspection.diagnosis import Cause
 from maskfab.camera.inspection.die_image import DieImage, Setting
 from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.fit import (

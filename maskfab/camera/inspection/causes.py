@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 import scipy
@@ -27,7 +26,9 @@ from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.work import Progress, silent
+from maskfab.camera.frames.merge import alone
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
+from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, suspects_of
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -42,22 +43,6 @@ from maskfab.camera.inspection.fit import (
 )
 from maskfab.camera.inspection.identity import with_width_and_terms
 
-
-class Cause(StrEnum):
-    """Reason for which frames tell nothing of a die."""
-
-    LAMP = "second lamp"
-    DUST = "dust"
-    DRIFT = "drift"
-    SATURATION = "saturation"
-    DIE = "wrong die"
-    SETTING = "wrong setting"
-    NOISE = "wrong noise"
-    BANDING = "rows or columns"
-    INTERVAL = "interval holds the limit"
-    UNKNOWN = "not in the model"
-
-
 _LIKELY = 5.0
 """Standard deviations by which a measure of noise may be off by chance."""
 _NOISE_KNOWN = 0.03
@@ -67,17 +52,54 @@ _LAMP_GAIN = 40.0
 """Fall of chi², over the noise that is left, from which a lamp is looked at; the best of 1e5 places has 25."""
 _LAMP_SHARE = 0.02
 """Share of what is left over, that a lamp must explain at least."""
-_NEAREST_PX = 3
+_SEEN = 5.0
+"""Standard errors from which another lamp's power is told."""
+_NEAREST_PX, _LEAST_APART_PX = 3, 2
+"""Pixels from the first light within which no other is looked for, and within which it is none: the first is wider."""
 _BEYOND_PX = 8
 _DARK = 6.0
 """Standard deviations by which dust is darker than the fit, of those that residuals have."""
 _MOST_DUST = 0.08
 _CORE = 0.1
 """Share of the peak, from which nothing is taken for dust."""
-_MOST_BANDED = 2.0
-"""Chi² per pixel up to which rows that are off are the sensor's, and not the picture's of something else."""
+_NEARLY_DARK = 0.6
+"""Share of the light that is missing, from which a pixel is dead."""
 _MOST_OF_IT = 0.5
 """Share of what is left over that lies at some pixels where their fault is the cause."""
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """Pixels of every grid that tell nothing of a die: brighter alone, darker alone, and shaded together."""
+
+    hot: tuple[Mask, ...]
+    dead: tuple[Mask, ...]
+    dust: tuple[Mask, ...]
+
+    @classmethod
+    def none(cls, taken: Sequence[Taken]) -> LeftOut:
+        """No pixel."""
+        nowhere = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
+        return cls(nowhere, nowhere, nowhere)
+
+    @property
+    def together(self) -> tuple[Mask, ...]:
+        """All of them."""
+        return tuple(hot | dead | dust for hot, dead, dust in zip(self.hot, self.dead, self.dust, strict=True))
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many of each."""
+        every = {"hot": self.hot, "dead": self.dead, "dust": self.dust}
+        return {name: sum(int(mask.sum()) for mask in masks) for name, masks in every.items()}
+
+    def alike(self, other: LeftOut) -> bool:
+        """Whether the same pixels are left out."""
+        return all((one == two).all() for one, two in zip(self.together, other.together, strict=True))
+
+    def taken_from(self, taken: Sequence[Taken]) -> tuple[Taken, ...]:
+        """Frames without them."""
+        return tuple(capture.without(mask) for capture, mask in zip(taken, self.together, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +108,15 @@ class Explanation:
 
     Attributes:
         width: full width of the light at half maximum and its standard error, um; None of a point.
-        dust: pixels of every grid that were left out.
+        suspects: faults that may be behind what is left, the likeliest first.
     """
 
     image: DieImage
     taken: tuple[Taken, ...]
     fit: Fit
     width: tuple[float, float] | None
-    dust: tuple[Mask, ...]
+    left_out: LeftOut
+    suspects: tuple[Suspect, ...]
     cause: Cause | None
 
     @property
@@ -106,31 +129,53 @@ class Explanation:
         """The most of it that noise allows."""
         return math.sqrt(_most(self.fit))
 
-    @property
-    def dusty(self) -> int:
-        """Pixels that were left out as dust."""
-        return sum(int(mask.sum()) for mask in self.dust)
 
-
-def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explanation:
+def explained(
+    image: DieImage,
+    taken: Sequence[Taken],
+    fit: Fit,
+    progress: Progress = silent,
+    *,
+    electrons_per_count: float = 1.0,
+) -> Explanation:
     """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift."""
-    dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
-    taken, width = tuple(taken), None
+    whole, taken, width, left_out = tuple(taken), tuple(taken), None, LeftOut.none(taken)
     for turn in range(2):
-        found = False
+        # What is left out is told anew: a fit that was off may have made it of what it did not know.
+        lone = _lone(whole, fit)
+        taken, fit, found = _without(image, whole, taken, fit, replace(lone, dust=left_out.dust), left_out, progress)
         if not turn or fit.chi2 / fit.freedom > _most(fit):
-            image, taken, fit, found = _with_lamp(image, taken, fit, progress)
-        dark = _dark(taken, fit)
-        if any(mask.any() for mask in dark):
-            dust = tuple(one | other for one, other in zip(dust, dark, strict=True))
-            taken = tuple(capture.without(mask) for capture, mask in zip(taken, dark, strict=True))
-            fit, found = fitted(image, taken, _fresh(fit.setting), progress), True
-        if turn and not found:
+            image, taken, fit, lit = _with_lamp(image, taken, fit, progress)
+            found = found or lit
+        now = replace(lone, dust=_dark(lone.taken_from(whole), fit))
+        taken, fit, shaded = _without(image, whole, taken, fit, now, replace(lone, dust=left_out.dust), progress)
+        left_out = now
+        if turn and not (found or shaded):
             break
         taken = expecting(image, taken, fit.setting)
         image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
+        if fit.setting.lamp is not None and not _is_lamp(fit, math.inf, _LEAST_APART_PX * image.camera.pixel_um):
+            fit = fitted(image, taken, replace(_fresh(fit.setting), lamp=None), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
-    return Explanation(image, taken, with_frames(image, taken, fit), width, dust, _left(image, taken, fit))
+    suspects = tuple(suspects_of(image, taken, fit, electrons_per_count))
+    cause = _left(image, taken, fit, suspects)
+    return Explanation(image, taken, with_frames(image, taken, fit), width, left_out, suspects, cause)
+
+
+def _without(
+    image: DieImage,
+    whole: tuple[Taken, ...],
+    taken: tuple[Taken, ...],
+    fit: Fit,
+    now: LeftOut,
+    before: LeftOut,
+    progress: Progress,
+) -> tuple[tuple[Taken, ...], Fit, bool]:
+    """Frames without some pixels and their fit, where other ones than before are left out; and whether they are."""
+    if now.alike(before):
+        return taken, fit, False
+    taken = now.taken_from(whole)
+    return taken, fitted(image, taken, _fresh(fit.setting), progress), True
 
 
 def _fresh(setting: Setting) -> Setting:
@@ -148,22 +193,27 @@ def _with_lamp(
     noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
     if lamp is None or gain < max(_LAMP_GAIN * noise, _LAMP_SHARE * left_over):
         return image, taken, fit, False
-    if gain < gain_of_terms(image, taken, fit):
+    likelier = max((each.gain for each in suspects_of(image, taken, fit, 1.0) if each.one_value), default=0.0)
+    if gain < max(gain_of_terms(image, taken, fit), likelier):
         return image, taken, fit, False
     off_um = max(abs(lamp.x_um), abs(lamp.y_um)) + _NEAREST_PX * image.camera.pixel_um
     wide = DieImage.of(image.panel, image.way_round, image.camera, image.light, image.pixels, off_um)
     wide = replace(wide, light_um=image.light_um)
     with_lamp = fitted(wide, taken, replace(_fresh(fit.setting), lamp=lamp), progress)
-    if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(with_lamp, off_um):
+    if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(
+        with_lamp, off_um, _LEAST_APART_PX * image.camera.pixel_um
+    ):
         return image, taken, fit, False
     taken = expecting(wide, taken, with_lamp.setting)
     return wide, taken, judged(taken, wide.pictures(with_lamp.setting), with_lamp.setting), True
 
 
-def _is_lamp(fit: Fit, off_um: float) -> bool:
-    """Whether a lamp has light, less than the first, and has stayed where it can be pictured."""
+def _is_lamp(fit: Fit, off_um: float, apart_um: float) -> bool:
+    """Whether a lamp has light, less than the first, and has stayed where it can be pictured, apart from that."""
     lamp = fit.setting.lamp
-    return lamp is not None and 0 < lamp.share < 1 and max(abs(lamp.x_um), abs(lamp.y_um)) <= off_um
+    if lamp is None or not 0 < lamp.share < 1 or max(abs(lamp.x_um), abs(lamp.y_um)) > off_um:
+        return False
+    return math.hypot(lamp.x_um, lamp.y_um) > apart_um and lamp.share > _SEEN * fit.errors["lamp_share"]
 
 
 def _lamp(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Lamp | None, float]:
@@ -203,10 +253,22 @@ def _widened(pixels: Pixels, beyond: int) -> Pixels:
     return Pixels(pixels.colour, longer(pixels.x_um), longer(pixels.y_um))
 
 
+def _lone(taken: Sequence[Taken], fit: Fit) -> LeftOut:
+    """Pixels that alone are off the fit, as hot and dead ones are; a lamp shows in many together, and so does dust."""
+    hot, dead = [], []
+    for capture, predicted in zip(taken, fit.predicted, strict=True):
+        above = np.where(capture.valid, capture.light - predicted, 0.0)
+        beyond = alone(above, capture.sigma, capture.valid) & (predicted < _CORE * predicted.max())
+        hot.append(beyond & (above > 0))
+        dead.append(beyond & (above < -_NEARLY_DARK * predicted))
+    return replace(LeftOut.none(taken), hot=tuple(hot), dead=tuple(dead))
+
+
 def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, ...]:
     """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many."""
     masks = []
-    for capture, residual, predicted in zip(taken, fit.residuals, fit.predicted, strict=True):
+    for capture, predicted in zip(taken, fit.predicted, strict=True):
+        residual = np.where(capture.valid, (capture.light - predicted) / capture.sigma, 0.0)
         seen = residual[capture.valid]
         spread = max(1.0, SIGMA_OF_MAD * float(np.median(abs(seen - np.median(seen)))))
         open_to = capture.valid & (predicted < core * predicted.max())
@@ -241,22 +303,23 @@ def _most(fit: Fit) -> float:
     return 1 + _NOISE_KNOWN + _LIKELY * math.sqrt(2 / fit.freedom)
 
 
-def _left(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Cause | None:
+def _left(image: DieImage, taken: Sequence[Taken], fit: Fit, suspects: Sequence[Suspect]) -> Cause | None:
     """Cause of what a fit leaves, None where it is noise."""
     misfit = fit.chi2 / fit.freedom
+    first = suspects[0] if suspects else None
+    # Within noise one pattern may bend the width, where what differs from pixel to pixel does not.
+    bends = misfit <= _most(fit) and first is not None and first.one_value
+    if first is not None and first.gain >= NAMED and (bends or first.explains(fit.chi2 - fit.freedom)):
+        return first.cause
     if misfit > _most(fit):
         # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
         if holds_most(fit, _dark(taken, fit, math.inf)):
             return Cause.DUST
-        if _banded(taken, fit) and misfit < _MOST_BANDED:
-            return Cause.BANDING
         # What is left of a picture of another kind is like the die's own, moved, for a small part only.
         like_another = _lamp(image, taken, fit)[1] > _MOST_OF_IT * (fit.chi2 - fit.freedom)
         return Cause.LAMP if like_another else Cause.UNKNOWN
     if _unlike_frames(taken, fit):
         return Cause.DRIFT
-    if _banded(taken, fit):
-        return Cause.BANDING
     return Cause.NOISE if misfit < _LEAST_NOISE else None
 
 
@@ -284,16 +347,3 @@ def holds_most(fit: Fit, masks: Sequence[Mask]) -> bool:
     parts = zip(fit.residuals, masks, strict=True)
     over = sum(float(np.sum(residual[mask] ** 2) - mask.sum()) for residual, mask in parts)
     return over > _MOST_OF_IT * (fit.chi2 - fit.freedom) > 0
-
-
-def _banded(taken: Sequence[Taken], fit: Fit) -> bool:
-    """Whether rows or columns of pixels are off as a whole, by more than noise lets them."""
-    for axis in (0, 1):
-        sums = [residual.sum(axis=axis) for residual in fit.residuals]
-        counts = [capture.valid.sum(axis=axis) for capture in taken]
-        total, count = np.concatenate(sums), np.concatenate(counts)
-        held = count > 0
-        mean = float(np.mean(total[held] ** 2 / count[held]))
-        if mean > max(1.0, fit.chi2 / fit.freedom) * (1 + _LIKELY * math.sqrt(2 / held.sum())):
-            return True
-    return False

@@ -13,8 +13,9 @@ from enum import StrEnum
 
 from maskfab.base.units import decimals_of
 from maskfab.camera.blur import STANDS, stand_words
-from maskfab.camera.inspection.causes import Cause, Explanation
+from maskfab.camera.inspection.causes import Explanation
 from maskfab.camera.inspection.costs import ALL, TERM_NAMES, Cost, disagreement
+from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, deciding_frame
 from maskfab.camera.inspection.die_image import BIAS
 from maskfab.camera.inspection.fit import Fit
 from maskfab.camera.inspection.identity import Hypothesis, Identified
@@ -109,7 +110,18 @@ _NEXT = {
     Cause.DIE: "Put the die that was asked for before the camera, or name the one that is there (--die).",
     Cause.SETTING: "Check camera, wavelength and side of the plate against the job, and measure again.",
     Cause.NOISE: "State gain, read noise and black level of the sensor, and give frames that nothing has processed.",
-    Cause.BANDING: "Take the stack again with more light, or at a setting of the sensor that adds no bands.",
+    Cause.ROWS: "Take the stack again with more light, or at a setting of the sensor that adds no bands.",
+    Cause.COLUMNS: "Take the stack again with more light, or at a setting of the sensor that adds no bands.",
+    Cause.BLACK: "State the true black level (--black), or give dark frames (--dark).",
+    Cause.GAMMA: "Give frames that nothing has developed: RAW, or linear TIFF.",
+    Cause.SOFT_CLIP: "Expose shorter, or state a lower white level (--white).",
+    Cause.RESPONSE: "Give frames of even light (--flat).",
+    Cause.HOT: "Give dark frames (--dark), or cool the sensor.",
+    Cause.DEAD: "Give frames of even light (--flat).",
+    Cause.SHADING: "Give frames of even light through the lens without the plate (--flat).",
+    Cause.GLARE: "Clean the lens, shade it, blacken what stands about the plate, and take the stack again.",
+    Cause.LAMP_SIZE: "Use a smaller pinhole, or one farther away.",
+    Cause.BANDWIDTH: "State the light's spectrum ([scene] of the job), or take the stack through a narrow filter.",
     Cause.INTERVAL: "Add longer and shorter exposures: four times the light halves the interval.",
     Cause.UNKNOWN: "Look at the difference picture, check camera and light of the job, and take the stack again.",
 }
@@ -121,13 +133,23 @@ _LOOKS = {
     Cause.DIE: "another die",
     Cause.SETTING: "another camera, wavelength or distance than the job states",
     Cause.NOISE: "another gain, read noise or black level, or frames that were processed",
-    Cause.BANDING: "rows or columns of the sensor with offsets of their own",
+    Cause.ROWS: "rows of the sensor with offsets of their own",
+    Cause.COLUMNS: "columns of the sensor with offsets of their own",
+    Cause.BLACK: "another black level than is stated",
+    Cause.GAMMA: "a tone curve",
+    Cause.SOFT_CLIP: "bright pixels that are told too dark",
+    Cause.RESPONSE: "pixels that differ in their response",
+    Cause.HOT: "hot pixels",
+    Cause.DEAD: "dead pixels",
+    Cause.SHADING: "a lens that shades the window",
+    Cause.GLARE: "glare about the light",
+    Cause.LAMP_SIZE: "a light that is no point",
+    Cause.BANDWIDTH: "a light of a wider band than is stated",
     Cause.UNKNOWN: "nothing that was looked for: another lamp, dust, drift, full pixels, another die of the job",
 }
 
 
 _WITHIN_NOISE = {
-    Cause.BANDING: "rows or columns of pixels are off as a whole",
     Cause.DRIFT: "exposures disagree at more pixels than hits and hot pixels explain",
 }
 
@@ -142,10 +164,17 @@ def judged_die(
 
     best, fit = found.best, told.fit
     if cause is not None:
-        reason = _WITHIN_NOISE.get(cause, f"residuals are {told.factor:.2f} times the noise")
+        reason = _WITHIN_NOISE.get(cause, f"residuals are {told.factor:.2f} times the noise, and have a pattern")
         if told.factor > told.most:
             reason = f"the model leaves {told.factor:.2f} times the noise, where {told.most:.2f} is the most"
-        return untold(cause, f"{reason}; it looks like {_LOOKS[cause]}.", _NEXT[cause])
+        first = told.suspects[0] if told.suspects and told.suspects[0].cause is cause else None
+        if first is None:
+            return untold(cause, f"{reason}; it looks like {_LOOKS[cause]}.", _NEXT[cause])
+        likely = [first, *(each for each in told.suspects[1:2] if each.gain >= NAMED)]
+        looks = " or ".join(f"{_LOOKS[each.cause]}, {strength(each)}" for each in likely if not first.beats(each))
+        frame = deciding_frame(likely)
+        decides = f" Take {frame}: it tells {first.cause} from {likely[1].cause}." if frame else ""
+        return untold(cause, f"{reason}; it looks like {looks}.", _NEXT[cause] + decides)
     if not found.certain:
         others = " or ".join(f"{each.die}, {stands(each)}" for each in (best, *found.rivals[:3]))
         more = "Add longer exposures, or a larger --window, or name the die (--die)."
@@ -178,11 +207,44 @@ def judged_die(
     return Verdict(Answer.REJECT, reason, None, told.factor, again)
 
 
+_STRENGTHS = {
+    Cause.BLACK: ("{:+.{d}f} ± {:.{d}f} counts", 1.0),
+    Cause.GAMMA: ("counts going as light to the power 1 {:+.{d}f} ± {:.{d}f}", 1.0),
+    Cause.SOFT_CLIP: ("the brightest by {:.{d}f} ± {:.{d}f} %", 100.0),
+    Cause.RESPONSE: ("by {:.{d}f} ± {:.{d}f} % (standard deviation)", 100.0),
+    Cause.ROWS: ("{:.{d}f} ± {:.{d}f} electrons (standard deviation)", 1.0),
+    Cause.COLUMNS: ("{:.{d}f} ± {:.{d}f} electrons (standard deviation)", 1.0),
+    Cause.SHADING: ("{:.{d}f} ± {:.{d}f} % at its edge", 100.0),
+    Cause.GLARE: ("{:.{d}f} ± {:.{d}f} % of it", 100.0),
+    Cause.LAMP_SIZE: ("{:.{d}f} ± {:.{d}f} um wide on the sensor (full width at half maximum)", 1.0),
+    Cause.BANDWIDTH: ("{:.{d}f} ± {:.{d}f} nm (full width at half maximum)", 1.0),
+}
+"""Strengths in words, with their errors of 95 %, and what they are multiplied by for that."""
+
+
+def strength(suspect: Suspect) -> str:
+    """The strength of a fault with its error, in words."""
+    if suspect.cause not in _STRENGTHS:
+        return (
+            f"{suspect.value:.0f} of them"
+            if suspect.cause in (Cause.HOT, Cause.DEAD)
+            else f"{suspect.value:.0f} pixels"
+        )
+    words, factor = _STRENGTHS[suspect.cause]
+    half = factor * NORMAL_95 * suspect.error
+    return words.format(factor * suspect.value, half, d=max(0, min(4, decimals_of(half))) if half else 4)
+
+
 def stands(hypothesis: Hypothesis) -> str:
     """The stand of a die, in words."""
     return stand_words(hypothesis.way_round)
 
 
+_LEFT_OUT = {
+    "hot": "are brighter alone, as hot ones are: dark frames (--dark) tell",
+    "dead": "are nearly dark alone, as dead ones are: frames of even light (--flat) tell",
+    "dust": "are shaded alike in all exposures, as by dust",
+}
 _WORTH_SAYING = 0.01
 """Drift that is told in words; less is seldom proven."""
 
@@ -206,8 +268,10 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
             f"A second lamp of {_by_error(100 * lamp.share, half)[1:]} % of the light stands {lamp.x_um:+.1f} um to "
             f"the right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
         )
-    if told.dusty:
-        sentences.append(f"{told.dusty} pixels are shaded alike in all exposures, as by dust, and were left out.")
+    left_out = told.left_out.counts
+    for name, what in _LEFT_OUT.items():
+        if left_out[name]:
+            sentences.append(f"{left_out[name]} pixels were left out, for they {what}.")
     if drift > _WORTH_SAYING:
         sentences.append(
             f"Light of exposures differs from what their times say by up to {drift:.1%}; the fit allows for it."

@@ -221,7 +221,8 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
                 break
             since = math.inf
             continue
-        diagonal = np.diag(np.diag(now.information))
+        # A value that changes nothing, as the place of a lamp without light, has no information.
+        diagonal = np.diag(np.maximum(np.diag(now.information), 1e-300))
         change = np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
         tried = start.at(start.values + change)
         seen = image.pictures(tried)
@@ -279,10 +280,21 @@ def gain_of_terms(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
 
 def _with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
     """The equations of a step of a fit together with the terms that it lacks, and those."""
-    present = {term for term, _ in fit.setting.terms}
-    asked = [term for term in _MORE_TERMS if term not in present]
-    at = replace(fit.setting, terms=(*fit.setting.terms, *((term, 0.0) for term in asked)))
+    at, asked = _all_terms(fit.setting)
     return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
+
+
+def with_all_terms(image: DieImage, fit: Fit) -> tuple[list[list[Floats]], list[Floats]]:
+    """Slopes of a fit with all of the lens's errors, [values][grids of pixels], and its pictures."""
+    at, _ = _all_terms(fit.setting)
+    return image.slopes(at), image.pictures(at)
+
+
+def _all_terms(setting: Setting) -> tuple[Setting, list[int]]:
+    """A setting with those terms too that it lacks, each 0, and which these are."""
+    present = {term for term, _ in setting.terms}
+    asked = [term for term in _MORE_TERMS if term not in present]
+    return replace(setting, terms=(*setting.terms, *((term, 0.0) for term in asked))), asked
 
 
 def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
@@ -321,7 +333,8 @@ class NormalEquations:
 
     def sigma_distance(self, change: Floats) -> float:
         """The largest change of a value, in its standard errors."""
-        return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
+        errors = np.sqrt(np.diag(self.covariance))
+        return float(np.max(np.divide(abs(change), errors, out=np.zeros_like(errors), where=errors > 0)))
 
 
 def normal_equations(

@@ -22,8 +22,9 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS
 from maskfab.camera.frames.merge import Merged, check_centre
-from maskfab.camera.inspection.causes import Cause, Explanation, explained, holds_most
+from maskfab.camera.inspection.causes import Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
+from maskfab.camera.inspection.diagnosis import Cause
 from maskfab.camera.inspection.die_image import BIAS, LAMP, DieImage, Pixels, Setting
 from maskfab.camera.inspection.die_verdict import (
     SURE,
@@ -173,7 +174,7 @@ def _explained(
     taken = expecting(image, taken, setting)
     # The die was told by one colour; light and background of the others are solved for where that one lies.
     first = identity.fit if len(colours_of(taken)) == 1 else judged(taken, image.pictures(setting), setting)
-    told = explained(image, taken, first, progress)
+    told = explained(image, taken, first, progress, electrons_per_count=merged.electrons_per_count)
     if told.factor > _UNLIKE and not identity.certain:
         what = (
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "

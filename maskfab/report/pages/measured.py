@@ -26,7 +26,8 @@ from maskfab.base.quantities import Entry, registered
 from maskfab.camera.frames.frame import PIXELS_OF
 from maskfab.camera.frames.merge import write_merged
 from maskfab.camera.inspection.costs import COST_METHOD, disagreement
-from maskfab.camera.inspection.die_verdict import Answer, stands
+from maskfab.camera.inspection.diagnosis import NAMED, Suspect
+from maskfab.camera.inspection.die_verdict import Answer, stands, strength
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
@@ -91,7 +92,10 @@ def captured_drawing(measured: Measured) -> Drawing:
 
 
 def _found(measured: Measured) -> list[str]:
-    there = {"a second lamp": _lamp_um(measured), "dust": measured.explained.dusty}
+    there = {
+        "a second lamp": _lamp_um(measured),
+        "pixels that were left out": any(mask.any() for mask in measured.explained.left_out.together),
+    }
     return [name for name, found in there.items() if found]
 
 
@@ -103,7 +107,7 @@ def _lamp_um(measured: Measured) -> tuple[float, float] | None:
 
 def _draw_found(axes: Axes, measured: Measured, k: int) -> None:
     """A ring about a second lamp, and a line about dust."""
-    lamp, dust, pixels = _lamp_um(measured), measured.explained.dust[k], measured.taken[k].pixels
+    lamp, dust, pixels = _lamp_um(measured), measured.explained.left_out.together[k], measured.taken[k].pixels
     if lamp is not None:
         axes.plot(*lamp, "o", markersize=16, markerfacecolor="none", markeredgecolor=_FOUND, markeredgewidth=1.4)
         axes.annotate("lamp", lamp, (0, 10), textcoords="offset points", ha="center", color=_FOUND, fontsize=7)
@@ -184,7 +188,8 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         if_sentences=measured.if_sentences,
         captured=Markup(captured_drawing(measured).img()),
         found=" and ".join(_found(measured)),
-        dusty=measured.explained.dusty,
+        left_out=measured.explained.left_out.counts,
+        suspects=[(each, strength(each)) for each in _suspects(measured)],
         mtf=Markup(capture_mtf_drawing(measured).img()),
         rows=_rows(measured.quantities),
         if_rows=_rows(measured.if_numbers),
@@ -197,6 +202,12 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         doubts=document["pixels_left_out"],
         notes=notes,
     )
+
+
+def _suspects(measured: Measured) -> list[Suspect]:
+    """Faults that are more than chance, where nothing can be told of the die."""
+    told = measured.verdict.answer is not Answer.CANNOT_TELL
+    return [] if told else [each for each in measured.explained.suspects if each.gain >= NAMED]
 
 
 _TERM = "captured_term"
@@ -251,7 +262,11 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
             "quantities": Quantities(measured.if_numbers).to_dict(),
         },
         "lamp": lamp and {"x_um": lamp.x_um, "y_um": lamp.y_um, "share": lamp.share},
-        "dust_px": measured.explained.dusty,
+        "left_out_px": measured.explained.left_out.counts,
+        "suspects": [
+            {"cause": each.cause.value, "strength": strength(each), "log_likelihood": each.gain / 2}
+            for each in _suspects(measured)
+        ],
         "light": {
             colour: {"electrons_per_s": value, "beneath_electrons_per_s": fit.beneath[colour]}
             for colour, value in fit.light.items()

@@ -14,7 +14,7 @@ from optics_cases import camera, noise, panel
 
 import maskfab as mf
 from maskfab.camera.frames.merge import merged
-from maskfab.camera.inspection.causes import Cause
+from maskfab.camera.inspection.diagnosis import Cause
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.measurement import measured
@@ -115,8 +115,8 @@ def test_dust_is_left_out(light):
     dust[20:24, 30:34] = 0.6
     found = told(Stack(light, dust=dust))
     assert found.verdict.answer is Answer.ACCEPT
-    assert found.explained.dust[0][20:24, 30:34].all()
-    assert found.explained.dusty < 100
+    assert found.explained.left_out.dust[0][20:24, 30:34].all()
+    assert found.explained.left_out.counts["dust"] < 100
     assert holds(found, "captured_cd_bias", BIAS_UM)
     assert value(found, "captured_misfit").value == pytest.approx(1, abs=0.1)
 
@@ -148,7 +148,7 @@ def test_a_die_that_the_job_does_not_have_is_not_taken_for_another_lamp():
 
 def test_rows_with_offsets_are_told_nothing_of(light):
     found = told(Stack(light, sensor=Sensor(banding_e=6.0)))
-    assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.BANDING)
+    assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.ROWS)
     assert not FINDINGS & {each.name for each in found.quantities}
     assert {each.name for each in found.if_numbers} >= FINDINGS
 
