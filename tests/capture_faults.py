@@ -49,10 +49,7 @@ class Bench:
     def frames(self, kind: str, strength: float, seed: int) -> list[Frame]:
         """Exposures with one fault; of strength 0 without any."""
         random = np.random.default_rng([seed, sum(map(ord, kind))])
-        if kind in _OF_LIGHT and strength:
-            light = _OF_LIGHT[kind](self, strength, random)
-        else:
-            light = self.light()
+        light = _OF_LIGHT[kind](self, strength, random) if kind in _OF_LIGHT and strength else self.light()
         unit = self.peak_e / light.max()
         made = _OF_SENSOR[kind](light.shape, strength, random) if kind in _OF_SENSOR and strength else _Plain()
         frames = []

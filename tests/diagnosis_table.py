@@ -17,8 +17,8 @@ from capture_simulator import Dots, Optics
 from optics_cases import camera, noise, panel
 
 from maskfab.camera.frames.merge import merged
-from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.diagnosis import Cause
+from maskfab.camera.inspection.die_verdict import Answer, Promise
 from maskfab.camera.inspection.measurement import Measured, measured
 from maskfab.optics.spectrum import line_spectrum
 
@@ -85,7 +85,8 @@ def main(draws: int, bench: Bench, kinds: tuple[str, ...]) -> None:
         spent = (time.process_time() - start) / (draws + 4)
         listed = ", ".join(f"{count} {answer}" for answer, count in answers.most_common())
         print(
-            f"{kind}, noticed at {strength:.3g}: named {right} of {draws} ({listed}); widths off {wrong}; {spent:.1f} s",
+            f"{kind}, noticed at {strength:.3g}: named {right} of {draws} ({listed}); widths off {wrong}; "
+            f"{spent:.1f} s",
             flush=True,
         )
 

@@ -10,7 +10,7 @@ come out dark beyond any noise, a few together. A light that drifts gives each e
 A fit explains its frames if chi² per pixel is that of noise, and if no row or column of pixels is off as a whole.
 
 Notes:
-    Noise is known no better than gain and read noise are: chi² may be off by :data:`_NOISE_KNOWN`.
+    Noise is known no better than gain and read noise are: chi² may be off by :data:`NOISE_KNOWN`.
     Dust near the peak cannot be told from a lens that is wrong, and is not looked for there.
 """
 
@@ -28,7 +28,7 @@ from maskfab.base.arrays import Floats, Mask
 from maskfab.base.work import Progress, silent
 from maskfab.camera.frames.merge import alone
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
-from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, suspects_of
+from maskfab.camera.inspection.diagnosis import LIKELY, NAMED, NOISE_KNOWN, Cause, Suspect, suspects_of
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -43,9 +43,6 @@ from maskfab.camera.inspection.fit import (
 )
 from maskfab.camera.inspection.identity import with_width_and_terms
 
-_LIKELY = 5.0
-"""Standard deviations by which a measure of noise may be off by chance."""
-_NOISE_KNOWN = 0.03
 _LEAST_NOISE = 0.8
 """Chi² per pixel below which the noise is another than gain and read noise say."""
 _LAMP_GAIN = 40.0
@@ -109,6 +106,8 @@ class Explanation:
     Attributes:
         width: full width of the light at half maximum and its standard error, um; None of a point.
         suspects: faults that may be behind what is left, the likeliest first.
+        factor: root of chi² per pixel, before a fault was taken off.
+        mended: whether all else is told of frames without the likeliest fault, and explained.
     """
 
     image: DieImage
@@ -118,11 +117,8 @@ class Explanation:
     left_out: LeftOut
     suspects: tuple[Suspect, ...]
     cause: Cause | None
-
-    @property
-    def factor(self) -> float:
-        """Root of chi² per pixel."""
-        return math.sqrt(self.fit.chi2 / self.fit.freedom)
+    factor: float
+    mended: bool = False
 
     @property
     def most(self) -> float:
@@ -138,7 +134,33 @@ def explained(
     *,
     electrons_per_count: float = 1.0,
 ) -> Explanation:
-    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift."""
+    """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift.
+
+    Where a fault of one pattern is behind what is left, all else is told of frames without it.
+    """
+    told = _explained(image, taken, fit, progress, electrons_per_count)
+    if told.cause is None:
+        return told
+    # Of a fit that has not yet made a lens's errors of it, a fault is told better.
+    early = suspects_of(image, taken, fit, electrons_per_count)
+    suspects = max((early, list(told.suspects)), key=lambda each: each[0].share if each else 0.0)
+    fault = suspects[0] if suspects else None
+    if fault is None or fault.gain < NAMED or not fault.explains:
+        return told
+    told = replace(told, suspects=tuple(suspects), cause=fault.cause)
+    if not fault.effect:
+        return told
+    taken = expecting(image, fault.taken_off(taken), fit.setting)
+    start = fitted(image, taken, _fresh(fit.setting), progress)
+    # What a fault did to short exposures had been taken for a light that drifts.
+    taken, start = _with_gains(image, expecting(image, taken, start.setting), start, progress)
+    again = _explained(image, taken, start, progress, electrons_per_count)
+    return replace(again, suspects=told.suspects, cause=told.cause, factor=told.factor, mended=again.cause is None)
+
+
+def _explained(
+    image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress, electrons_per_count: float
+) -> Explanation:
     whole, taken, width, left_out = tuple(taken), tuple(taken), None, LeftOut.none(taken)
     for turn in range(2):
         # What is left out is told anew: a fit that was off may have made it of what it did not know.
@@ -159,7 +181,8 @@ def explained(
     taken, fit = _with_gains(image, taken, fit, progress)
     suspects = tuple(suspects_of(image, taken, fit, electrons_per_count))
     cause = _left(image, taken, fit, suspects)
-    return Explanation(image, taken, with_frames(image, taken, fit), width, left_out, suspects, cause)
+    fit, factor = with_frames(image, taken, fit), math.sqrt(fit.chi2 / fit.freedom)
+    return Explanation(image, taken, fit, width, left_out, suspects, cause, factor)
 
 
 def _without(
@@ -300,16 +323,16 @@ def _with_gains(
 
 def _most(fit: Fit) -> float:
     """The most that chi² per pixel is where noise alone is left."""
-    return 1 + _NOISE_KNOWN + _LIKELY * math.sqrt(2 / fit.freedom)
+    return 1 + NOISE_KNOWN + LIKELY * math.sqrt(2 / fit.freedom)
 
 
 def _left(image: DieImage, taken: Sequence[Taken], fit: Fit, suspects: Sequence[Suspect]) -> Cause | None:
     """Cause of what a fit leaves, None where it is noise."""
     misfit = fit.chi2 / fit.freedom
     first = suspects[0] if suspects else None
-    # Within noise one pattern may bend the width, where what differs from pixel to pixel does not.
-    bends = misfit <= _most(fit) and first is not None and first.one_value
-    if first is not None and first.gain >= NAMED and (bends or first.explains(fit.chi2 - fit.freedom)):
+    # Pixels that differ by no more than noise bend no width.
+    harmless = first is not None and first.cause is Cause.RESPONSE and misfit <= _most(fit)
+    if first is not None and first.gain >= NAMED and first.explains and not harmless:
         return first.cause
     if misfit > _most(fit):
         # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
@@ -337,7 +360,7 @@ def _unlike_frames(taken: Sequence[Taken], fit: Fit) -> bool:
             chi2 += float(np.sum(off**2 / (np.maximum(expected, 0.0) + plane.exposed.dark[place])))
             count += int(clear.sum())
         # Of few electrons squares scatter more than those of normal noise.
-        if count and chi2 / count > max(1.0, fit.chi2 / fit.freedom) + _NOISE_KNOWN + _LIKELY * math.sqrt(3 / count):
+        if count and chi2 / count > max(1.0, fit.chi2 / fit.freedom) + NOISE_KNOWN + LIKELY * math.sqrt(3 / count):
             return True
     return False
 

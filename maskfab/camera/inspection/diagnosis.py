@@ -22,13 +22,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
-from maskfab.base.arrays import Floats, Indices
+from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.camera.inspection.die_image import DieImage
 from maskfab.camera.inspection.fit import Fit, Taken, colours_of, with_all_terms
 from maskfab.camera.inspection.identity import FWHM
@@ -62,8 +63,11 @@ class Cause(StrEnum):
 
 NAMED, _AHEAD = 40.0, 12.0
 """Growth of twice the log-likelihood from which a fault is named, and by which it must be ahead of the next."""
-_MOST_OF_IT = 0.5
-"""Share of what is left over, that a fault must explain."""
+LIKELY = 5.0
+"""Standard deviations by which a measure of noise may be off by chance."""
+NOISE_KNOWN = 0.03
+_MUCH_OF_IT = 0.35
+"""Share of what is left over, that a fault must explain: it changes the noise, too."""
 _MOST_UNLIKE = 0.05
 """Deviation of pixels' response beyond which it is no sensor's: a wrong picture looks like that, too."""
 DARK, FLAT, DIMMER, OPEN, COVERED, FILTERED, AGAIN = (
@@ -102,12 +106,16 @@ class Suspect:
     Attributes:
         value, error: its strength with one standard error, in the unit that its words say.
         gain: growth of twice the logarithm of the likelihood, less the price of its values.
+        share: of what all readings leave over chi² beyond noise, that the fault explains.
+        effect: electrons that it adds to every reading, [grids][frames, rows, columns]; none of what has no pattern.
     """
 
     cause: Cause
     value: float
     error: float
     gain: float
+    share: float = 0.0
+    effect: tuple[Floats, ...] = field(default=(), repr=False)
 
     @property
     def one_value(self) -> bool:
@@ -118,10 +126,20 @@ class Suspect:
         """Whether it is told from another."""
         return self is not other and self.gain > other.gain + _AHEAD
 
-    def explains(self, left_over: float) -> bool:
-        """Whether it explains most of what a fit leaves over, chi² beyond noise."""
+    @property
+    def explains(self) -> bool:
+        """Whether it explains most of what readings leave over."""
         unlike = self.cause is Cause.RESPONSE and self.value > _MOST_UNLIKE
-        return not unlike and self.gain > _MOST_OF_IT * left_over
+        return not unlike and self.share > _MUCH_OF_IT
+
+    def taken_off(self, taken: Sequence[Taken]) -> tuple[Taken, ...]:
+        """Frames without its effect."""
+        mended = []
+        for capture, effect in zip(taken, self.effect, strict=True):
+            assert capture.plane is not None  # of a stack
+            exposed = replace(capture.plane.exposed, electrons=capture.plane.exposed.electrons - effect)
+            mended.append(replace(capture, plane=replace(capture.plane, exposed=exposed)).rescaled(np.ones(1)))
+        return tuple(mended)
 
 
 def deciding_frame(suspects: Sequence[Suspect]) -> str | None:
@@ -132,44 +150,67 @@ def deciding_frame(suspects: Sequence[Suspect]) -> str | None:
     return next((frame for frame in (*one, *other) if (frame in one) != (frame in other)), None)
 
 
+_Every = Sequence[Floats]
+"""Values of all readings, [grids][frames, rows, columns]."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Readings:
-    """Every reading of every exposure that counts, [n]: what is left of it, and where it was taken.
+    """Every reading of every exposure: what is left of those that count, [n], and where they were taken.
 
     Attributes:
-        rest: over its standard deviation.
-        weight: inverse of that, per electron.
+        clear: which readings count.
         expected: electrons by the fit.
         per_light: electrons for each unit of the merged light.
-        pixel: number of its place among all pixels of all grids.
+        rest: what is left over its standard deviation, [n].
+        weight: inverse of that, per electron, [n].
+        frame, pixel: numbers of the exposure, and of the place among all pixels of all grids, [n].
         known: [n, m] what a fit may move, orthonormal.
     """
 
+    clear: tuple[Mask, ...]
+    expected: tuple[Floats, ...]
+    per_light: tuple[Floats, ...]
     rest: Floats
     weight: Floats
-    expected: Floats
-    per_light: Floats
     frame: Indices
     pixel: Indices
     known: Floats
 
-    def free(self, columns: Floats) -> Floats:
-        """Weighed columns [n, k] of electrons without what a fit may move."""
-        weighed = columns * self.weight[:, None]
-        return np.asarray(weighed - self.known @ (self.known.T @ weighed))
+    @cached_property
+    def light(self) -> Floats:
+        """Electrons that are expected of readings that count, none below 0."""
+        return np.maximum(self.flat(self.expected), 0.0)
 
-    def suspect(self, cause: Cause, columns: Floats, *, positive: bool = True, scale: float = 1.0) -> Suspect:
-        """A fault of one value, the first column's, or of some that belong together."""
-        free = self.free(columns)
-        information = free.T @ free
+    @cached_property
+    def left_over(self) -> float:
+        """Chi² beyond the most that noise allows."""
+        count = self.rest.size
+        most = count * (1 + NOISE_KNOWN) + LIKELY * math.sqrt(2 * count)
+        return max(0.0, float(np.sum(self.rest**2)) - most)
+
+    def share(self, gain: float) -> float:
+        """Of that, what a fault explains; 1 where noise is all that is left."""
+        return gain / max(self.left_over, gain, 1e-9)
+
+    def flat(self, every: _Every) -> Floats:
+        """Of readings that count, [n]."""
+        return np.concatenate([values[clear] for values, clear in zip(every, self.clear, strict=True)])
+
+    def suspect(self, cause: Cause, effects: Sequence[_Every], *, positive: bool = True, scale: float = 1.0) -> Suspect:
+        """A fault of one value, the first effect's, or of some that belong together."""
+        weighed = np.stack([self.flat(effect) for effect in effects], axis=1) * self.weight[:, None]
+        free = weighed - self.known @ (self.known.T @ weighed)
         score = free.T @ self.rest
-        covariance = np.linalg.pinv(information, hermitian=True)
+        covariance = np.linalg.pinv(free.T @ free, hermitian=True)
         value = covariance @ score
-        gain = float(score @ value)
-        if positive and value[0] < 0:
-            gain = 0.0
-        price = 2.0 * (columns.shape[1] - 1)
-        return Suspect(cause, scale * float(value[0]), scale * math.sqrt(covariance[0, 0]), gain - price)
+        gain = 0.0 if positive and value[0] < 0 else float(score @ value) - 2.0 * (len(effects) - 1)
+        added = tuple(
+            np.asarray(sum(v * each for v, each in zip(value, grid, strict=True)))
+            for grid in zip(*effects, strict=True)
+        )
+        error = scale * math.sqrt(covariance[0, 0])
+        return Suspect(cause, scale * float(value[0]), error, gain, self.share(gain), added)
 
     def varied(self, cause: Cause, effect: Floats, groups: Indices) -> Suspect:
         """A fault that differs from group to group, of a deviation."""
@@ -183,11 +224,12 @@ class _Readings:
         growth = np.sum(tried[:, None] ** 2 * score**2 / bent - np.log(bent), axis=1)
         best = int(growth.argmax())
         curved = np.sum((information / bent[best]) ** 2) / 2
-        return Suspect(cause, float(tried[best]), float(1 / math.sqrt(curved) / (2 * tried[best])), float(growth[best]))
+        error, gain = float(1 / math.sqrt(curved) / (2 * tried[best])), float(growth[best])
+        return Suspect(cause, float(tried[best]), error, gain, self.share(gain))
 
 
 _CORE = 0.1
-_KNEES = (0.4, 0.55, 0.7, 0.85)
+_KNEES, _FEWEST_CLIPPED = (0.4, 0.55, 0.7, 0.85), 4
 _ALONE_PIXELS, _NEARLY_DARK = 2, 0.4
 
 
@@ -216,80 +258,84 @@ def _readings(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Readings | 
     if len(planes) < len(taken):
         return None
     slopes, pictures = with_all_terms(image, fit)
-    colours, parts, known, first = colours_of(taken), [], [], 0
-    frames = len(planes[0].scales)
+    colours, frames, first = colours_of(taken), len(planes[0].scales), 0
+    parts, known = [], []
+    clears: list[Mask] = []
+    expecteds: list[Floats] = []
+    per_lights: list[Floats] = []
     for k, (capture, plane) in enumerate(zip(taken, planes, strict=True)):
         colour, light = colours.index(capture.pixels.colour), fit.light[capture.pixels.colour]
-        every = np.stack([*(light * slope[k] for slope in slopes)], axis=-1)
         own = np.zeros((*capture.light.shape, 2 * len(colours)))
         own[..., 2 * colour], own[..., 2 * colour + 1] = pictures[k], 1.0
-        columns = np.concatenate([every, own], axis=-1)
-        numbers = first + np.arange(capture.light.size).reshape(capture.light.shape)
+        columns = np.concatenate([np.stack([light * slope[k] for slope in slopes], axis=-1), own], axis=-1)
+        per_light = plane.scales[:, None, None] * plane.share
+        expected, clear = per_light * fit.predicted[k], capture.valid & plane.exposed.usable
+        weights = 1 / np.sqrt(np.maximum(expected, 0.0) + plane.exposed.dark[:, None, None])
+        rest = weights * (plane.exposed.electrons - expected)
+        place, row, column = np.nonzero(clear)
+        gains = np.zeros((place.size, frames))
+        gains[np.arange(place.size), place] = expected[clear]
+        weight = weights[clear]
+        known.append(
+            np.concatenate([columns[row, column] * per_light[clear][:, None], gains], axis=1) * weight[:, None]
+        )
+        parts.append((rest[clear], weight, place, first + row * capture.light.shape[1] + column))
         first += capture.light.size
-        for place, scale in enumerate(plane.scales.tolist()):
-            clear = capture.valid & plane.exposed.usable[place]
-            per_light = scale * plane.share[clear]
-            expected = per_light * fit.predicted[k][clear]
-            weight = 1 / np.sqrt(np.maximum(expected, 0.0) + plane.exposed.dark[place])
-            rest = weight * (plane.exposed.electrons[place][clear] - expected)
-            parts.append((rest, weight, expected, per_light, np.full(rest.size, place), numbers[clear]))
-            gains = np.zeros((rest.size, frames))
-            gains[:, place] = expected
-            known.append(np.concatenate([columns[clear] * per_light[:, None], gains], axis=1) * weight[:, None])
-    rest, weight, expected, per_light, frame, pixel = (np.concatenate(each) for each in zip(*parts, strict=True))
-    every = np.concatenate(known)
-    every /= np.maximum(np.linalg.norm(every, axis=0), 1e-300)
+        clears.append(clear)
+        expecteds.append(expected)
+        per_lights.append(per_light)
+    rest, weight, frame, pixel = (np.concatenate(each) for each in zip(*parts, strict=True))
+    moved = np.concatenate(known)
+    moved /= np.maximum(np.linalg.norm(moved, axis=0), 1e-300)
     # A basis of what may be moved, by its Gram matrix: of many readings and few columns.
-    values, vectors = np.linalg.eigh(every.T @ every)
+    values, vectors = np.linalg.eigh(moved.T @ moved)
     held = values > 1e-10 * values[-1]
-    basis = every @ (vectors[:, held] / np.sqrt(values[held]))
+    basis = moved @ (vectors[:, held] / np.sqrt(values[held]))
     rest = rest - basis @ (basis.T @ rest)
-    return _Readings(rest, weight, expected, per_light, frame, pixel, basis)
+    return _Readings(tuple(clears), tuple(expecteds), tuple(per_lights), rest, weight, frame, pixel, basis)
 
 
 def _of_counts(readings: _Readings, taken: Sequence[Taken], electrons_per_count: float) -> Iterator[Suspect]:
     """Faults of how light becomes counts."""
-    expected, ones = np.maximum(readings.expected, 0.0), np.ones_like(readings.expected)
-    yield readings.suspect(Cause.BLACK, ones[:, None], positive=False, scale=1 / electrons_per_count)
-    most = max(float(plane.exposed.full.max()) for plane in (capture.plane for capture in taken) if plane is not None)
-    brightest = float(expected.max())
+    lights = [np.maximum(each, 0.0) for each in readings.expected]
+    ones = [np.ones_like(each) for each in lights]
+    yield readings.suspect(Cause.BLACK, [ones], positive=False, scale=1 / electrons_per_count)
+    brightest = float(readings.light.max())
+    most = max(float(capture.plane.exposed.full.max()) for capture in taken if capture.plane is not None)
     most = most if math.isfinite(most) else brightest
-    bent = expected * np.log(np.maximum(expected, 1.0) / most)
-    yield readings.suspect(Cause.GAMMA, bent[:, None], positive=False)
+    bent = [each * np.log(np.maximum(each, 1.0) / most) for each in lights]
+    yield readings.suspect(Cause.GAMMA, [bent], positive=False)
     for knee in _KNEES:
-        over = -(np.maximum(expected / brightest - knee, 0.0) ** 2) * brightest
-        if over.any():
-            yield readings.suspect(Cause.SOFT_CLIP, over[:, None], scale=(1 - knee) ** 2)
+        if (readings.light > knee * brightest).sum() >= _FEWEST_CLIPPED:
+            over = [-(np.maximum(each / brightest - knee, 0.0) ** 2) * brightest for each in lights]
+            yield readings.suspect(Cause.SOFT_CLIP, [over], scale=(1 - knee) ** 2)
 
 
 def _of_pixels(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Suspect]:
     """Faults of single pixels, rows and columns."""
-    expected, pixel = np.maximum(readings.expected, 0.0), readings.pixel
-    x, y = (
-        np.concatenate(
-            [np.broadcast_to(axis, each.light.shape).ravel() for axis, each in zip(axes, taken, strict=True)]
-        )
-        for axes in ([each.pixels.x_um for each in taken], [each.pixels.y_um[:, None] for each in taken])
-    )
-    rows, columns = (np.unique(np.round(axis, 3), return_inverse=True)[1][pixel] for axis in (y, x))
+    far = [np.broadcast_arrays(each.pixels.x_um, each.pixels.y_um[:, None]) for each in taken]
+    x, y = (np.concatenate([each[axis].ravel() for each in far]) for axis in (0, 1))
+    rows, columns = (np.unique(np.round(axis, 3), return_inverse=True)[1][readings.pixel] for axis in (y, x))
     frames = int(readings.frame.max()) + 1
     for cause, lines in ((Cause.ROWS, rows), (Cause.COLUMNS, columns)):
-        ones = np.ones_like(expected)
+        ones = np.ones_like(readings.rest)
         yield readings.varied(cause, ones, lines)
         yield readings.varied(cause, ones, lines * frames + readings.frame)
-    yield readings.varied(Cause.RESPONSE, expected, pixel)
-    far_x, far_y = x[pixel], y[pixel]
-    reach = max(float(abs(far_x).max()), float(abs(far_y).max()))
-    shade = [(far_x**2 + far_y**2) / reach**2, far_x / reach, far_y / reach]
-    yield readings.suspect(Cause.SHADING, -expected[:, None] * np.stack(shade, axis=1), positive=False)
+    yield readings.varied(Cause.RESPONSE, readings.light, readings.pixel)
+    reach = max(float(abs(x).max()), float(abs(y).max()))
+    shades = [(((across**2 + up**2) / reach**2), across / reach, up / reach) for across, up in far]
+    effects = [
+        [-expected * shade[k] for expected, shade in zip(readings.expected, shades, strict=True)] for k in range(3)
+    ]
+    yield readings.suspect(Cause.SHADING, effects, positive=False)
     yield from _few(readings, taken, fit)
 
 
 def _few(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Suspect]:
     """Few pixels that stand out: too bright, nearly dark, or shaded together."""
     size = sum(capture.light.size for capture in taken)
-    rate = _by_pixel(readings, readings.per_light, size)
-    shaded = _by_pixel(readings, np.maximum(readings.expected, 0.0), size)
+    rate = _by_pixel(readings, readings.flat(readings.per_light), size)
+    shaded = _by_pixel(readings, readings.light, size)
     limit = math.sqrt(2 * math.log(size)) + 1
     gains = dict.fromkeys((Cause.HOT, Cause.DEAD, Cause.DUST), 0.0)
     found: dict[Cause, list[float]] = {cause: [] for cause in gains}
@@ -318,7 +364,8 @@ def _few(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Susp
         if values:
             # Of a picture that is wrong, bright and dark spots come together.
             against = gains[Cause.HOT] if cause is not Cause.HOT else gains[Cause.DUST] + gains[Cause.DEAD]
-            yield Suspect(cause, float(len(values)), 0.0, gains[cause] - against)
+            gain = gains[cause] - against
+            yield Suspect(cause, float(len(values)), 0.0, gain, readings.share(gain))
 
 
 def _by_pixel(readings: _Readings, effect: Floats, size: int) -> tuple[Floats, Floats]:
@@ -338,27 +385,25 @@ def _of_light(readings: _Readings, image: DieImage, taken: Sequence[Taken], fit:
     """Faults of the lamp and of the way of its light."""
     setting = fit.setting
 
-    def column(values: Sequence[Floats]) -> Floats:
-        every = np.concatenate(
-            [(fit.light[one.pixels.colour] * each).ravel() for one, each in zip(taken, values, strict=True)]
-        )
-        return np.asarray(readings.per_light * every[readings.pixel])
+    def effect(values: Sequence[Floats]) -> list[Floats]:
+        lights = [fit.light[one.pixels.colour] for one in taken]
+        return [per * light * each for per, light, each in zip(readings.per_light, lights, values, strict=True)]
 
     skirts = []
     for capture in taken:
         far2 = (capture.pixels.x_um - setting.x_um) ** 2 + (capture.pixels.y_um[:, None] - setting.y_um) ** 2
         skirts.append(1 / (far2 / image.camera.pixel_um**2 + 4.0) / (2 * math.pi * math.log(100)))
-    yield readings.suspect(Cause.GLARE, column(skirts)[:, None])
+    yield readings.suspect(Cause.GLARE, [effect(skirts)])
     here = image.pictures(setting)
     apart = (_SPREAD_PX * image.camera.pixel_um) ** 2
     wider = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(setting)
-    size = readings.suspect(Cause.LAMP_SIZE, column([b - a for a, b in zip(here, wider, strict=True)])[:, None])
+    size = readings.suspect(Cause.LAMP_SIZE, [effect([b - a for a, b in zip(here, wider, strict=True)])])
     yield replace(
         size, value=FWHM * math.sqrt(apart * max(size.value, 0.0)), error=_of_root(size, FWHM * math.sqrt(apart))
     )
     ahead, behind = (image.pictures(replace(setting, scale=setting.scale + sign * _SCALED)) for sign in (1, -1))
     bent = [(a + b) / 2 - c for a, b, c in zip(ahead, behind, here, strict=True)]
-    band = readings.suspect(Cause.BANDWIDTH, column(bent)[:, None])
+    band = readings.suspect(Cause.BANDWIDTH, [effect(bent)])
     unit = FWHM * _SCALED * float(image.camera.wavelengths_nm[0])
     yield replace(band, value=unit * math.sqrt(max(band.value, 0.0)), error=_of_root(band, unit))
 
