@@ -28,6 +28,8 @@ from scipy import ndimage
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.work import Progress, silent
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
+from maskfab.camera.inspection.bench import FULL
+from maskfab.camera.inspection.bench_search import gain_of_others, most_noise, with_bench_and_terms
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -36,11 +38,9 @@ from maskfab.camera.inspection.fit import (
     expecting,
     fitted,
     frame_gains,
-    gain_of_terms,
     judged,
     with_frames,
 )
-from maskfab.camera.inspection.identity import with_width_and_terms
 
 
 class Cause(StrEnum):
@@ -58,9 +58,7 @@ class Cause(StrEnum):
     UNKNOWN = "not in the model"
 
 
-_LIKELY = 5.0
-"""Standard deviations by which a measure of noise may be off by chance."""
-_NOISE_KNOWN = 0.03
+_LIKELY, _NOISE_KNOWN = 5.0, 0.03
 _LEAST_NOISE = 0.8
 """Chi² per pixel below which the noise is another than gain and read noise say."""
 _LAMP_GAIN = 40.0
@@ -85,14 +83,12 @@ class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
-        width: full width of the light at half maximum and its standard error, um; None of a point.
         dust: pixels of every grid that were left out.
     """
 
     image: DieImage
     taken: tuple[Taken, ...]
     fit: Fit
-    width: tuple[float, float] | None
     dust: tuple[Mask, ...]
     cause: Cause | None
 
@@ -104,7 +100,15 @@ class Explanation:
     @property
     def most(self) -> float:
         """The most of it that noise allows."""
-        return math.sqrt(_most(self.fit))
+        return math.sqrt(most_noise(self.fit))
+
+    def width(self, *kinds: str) -> tuple[str, float, float] | None:
+        """Name and full width of what smooths the picture, of a bell at half its height, and its standard error."""
+        for name, variance in self.fit.setting.bench:
+            if name in kinds and variance:
+                width = FULL[name] * math.sqrt(variance)
+                return name, width, width * self.fit.errors[name] / (2 * variance)
+        return None
 
     @property
     def dusty(self) -> int:
@@ -115,10 +119,10 @@ class Explanation:
 def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Explanation:
     """The best explanation of frames by a die, its lens, a light of some width, another lamp, dust and drift."""
     dust = tuple(np.zeros(capture.valid.shape, dtype=np.bool_) for capture in taken)
-    taken, width = tuple(taken), None
+    taken = tuple(taken)
     for turn in range(2):
         found = False
-        if not turn or fit.chi2 / fit.freedom > _most(fit):
+        if not turn or fit.chi2 / fit.freedom > most_noise(fit):
             image, taken, fit, found = _with_lamp(image, taken, fit, progress)
         dark = _dark(taken, fit)
         if any(mask.any() for mask in dark):
@@ -128,14 +132,15 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         if turn and not found:
             break
         taken = expecting(image, taken, fit.setting)
-        image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
+        fit = with_bench_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
-    return Explanation(image, taken, with_frames(image, taken, fit), width, dust, _left(image, taken, fit))
+    return Explanation(image, taken, with_frames(image, taken, fit), dust, _left(image, taken, fit))
 
 
 def _fresh(setting: Setting) -> Setting:
     """A setting that knows of places alone: what it made of the rest may be the doing of what is now left out."""
-    return Setting(setting.x_um, setting.y_um, terms=tuple((term, 0.0) for term in FIRST_TERMS), lamp=setting.lamp)
+    terms = tuple((term, 0.0) for term in FIRST_TERMS)
+    return Setting(setting.x_um, setting.y_um, terms=terms, lamp=setting.lamp, bench=setting.bench)
 
 
 def _with_lamp(
@@ -148,11 +153,10 @@ def _with_lamp(
     noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
     if lamp is None or gain < max(_LAMP_GAIN * noise, _LAMP_SHARE * left_over):
         return image, taken, fit, False
-    if gain < gain_of_terms(image, taken, fit):
+    if gain < gain_of_others(image, taken, fit):
         return image, taken, fit, False
     off_um = max(abs(lamp.x_um), abs(lamp.y_um)) + _NEAREST_PX * image.camera.pixel_um
     wide = DieImage.of(image.panel, image.way_round, image.camera, image.light, image.pixels, off_um)
-    wide = replace(wide, light_um=image.light_um)
     with_lamp = fitted(wide, taken, replace(_fresh(fit.setting), lamp=lamp), progress)
     if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(with_lamp, off_um):
         return image, taken, fit, False
@@ -236,15 +240,10 @@ def _with_gains(
     return taken, fit
 
 
-def _most(fit: Fit) -> float:
-    """The most that chi² per pixel is where noise alone is left."""
-    return 1 + _NOISE_KNOWN + _LIKELY * math.sqrt(2 / fit.freedom)
-
-
 def _left(image: DieImage, taken: Sequence[Taken], fit: Fit) -> Cause | None:
     """Cause of what a fit leaves, None where it is noise."""
     misfit = fit.chi2 / fit.freedom
-    if misfit > _most(fit):
+    if misfit > most_noise(fit):
         # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
         if holds_most(fit, _dark(taken, fit, math.inf)):
             return Cause.DUST

@@ -13,6 +13,7 @@ from enum import StrEnum
 
 from maskfab.base.units import decimals_of
 from maskfab.camera.blur import STANDS, stand_words
+from maskfab.camera.inspection.bench_words import bench_sentences
 from maskfab.camera.inspection.causes import Cause, Explanation
 from maskfab.camera.inspection.costs import ALL, TERM_NAMES, Cost, disagreement
 from maskfab.camera.inspection.die_image import BIAS
@@ -212,12 +213,7 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
         sentences.append(
             f"Light of exposures differs from what their times say by up to {drift:.1%}; the fit allows for it."
         )
-    if told.width is not None:
-        sentences.append(
-            f"The light is no point: on the sensor it is {told.width[0]:.2f} ± {NORMAL_95 * told.width[1]:.2f} um wide "
-            "(full width at half maximum of a Gaussian), or the pixels spread what they take. The fit allows for it; a "
-            "smaller pinhole, or one farther away, tells more."
-        )
+    sentences += bench_sentences(told)
     sentences.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
         "symmetric, and out of focus that of the other side."

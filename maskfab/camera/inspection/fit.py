@@ -270,14 +270,7 @@ def _drop_insignificant(image: DieImage, taken: Sequence[Taken], fit: Fit, progr
     return fewer if fewer.chi2 - fit.chi2 < price * dropped else fit
 
 
-def gain_of_terms(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
-    """The most that chi² would fall if all of the lens's errors were fitted that a fit lacks."""
-    now, asked = _with_all(image, taken, fit)
-    fitted_values = range(fit.setting.values.size)
-    return now.gain(range(len(fitted_values) + len(asked))) - now.gain(fitted_values)
-
-
-def _with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
+def with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
     """The equations of a step of a fit together with the terms that it lacks, and those."""
     present = {term for term, _ in fit.setting.terms}
     asked = [term for term in _MORE_TERMS if term not in present]
@@ -287,7 +280,7 @@ def _with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[Normal
 
 def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
     """Terms that a fit lacks, the one that brings most first."""
-    now, asked = _with_all(image, taken, fit)
+    now, asked = with_all(image, taken, fit)
     old = fit.setting.values.size
     held, left = list(range(old)), list(range(old, old + len(asked)))
     noise = max(1.0, (fit.chi2 - now.gain([*held, *left])) / fit.freedom)
