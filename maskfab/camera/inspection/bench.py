@@ -78,8 +78,8 @@ def within(name: str, value: float) -> float:
     return max(0.0, value) if name in FULL else value
 
 
-def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float]) -> Opened:
-    """The die as it lies before the stop, whose middle is the origin."""
+def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float], orders: int) -> Opened:
+    """The die as it lies before the stop, whose middle is the origin; cut dots with moments of so many orders."""
     right, up = bench.get(DIE_X, 0.0), bench.get(DIE_Y, 0.0)
     true = stop.scaled(*[1 + bench.get(STOP, 0.0) / stop.diameter_um] * 2)
     openings = panel_aperture(panel, true.diameter_um / 2 + max(abs(right), abs(up)))
@@ -90,13 +90,13 @@ def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float])
         there = replace(x, start_um=x.start_um + x_um), replace(y, start_um=y.start_um + y_um)
         return Aperture(*there, values, variance)
 
-    pupil, depth = cut(moved(right, up), true), math.hypot(bench.get(CUT_X, 0.0), bench.get(CUT_Y, 0.0))
+    pupil, depth = cut(moved(right, up), true, orders), math.hypot(bench.get(CUT_X, 0.0), bench.get(CUT_Y, 0.0))
     if depth:
         radius = true.diameter_um / 2
         wide = radius / bench.get(CUT_BEND, _BENT)
         off = (radius - depth - wide) / depth
         at_x, at_y = off * bench.get(CUT_X, 0.0), off * bench.get(CUT_Y, 0.0)
-        pupil = _cut_again(pupil, cut(moved(right - at_x, up - at_y), Stop("circle", 2 * wide)))
+        pupil = _cut_again(pupil, cut(moved(right - at_x, up - at_y), Stop("circle", 2 * wide), orders))
     return Opened(pupil, np.asarray(values > 0))
 
 

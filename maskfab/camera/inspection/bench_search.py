@@ -24,7 +24,6 @@ from maskfab.camera.inspection.bench import (
     BANDS,
     CUT,
     CUT_BEND,
-    DIE_X,
     FULL,
     LATERAL,
     LIGHTS,
@@ -41,7 +40,7 @@ from maskfab.camera.inspection.fit import (
     fitted,
     judged,
     normal_equations,
-    with_all,
+    with_lacking_terms,
     with_terms,
 )
 
@@ -70,13 +69,31 @@ _NOISE_KNOWN = 0.03
 
 
 def place_found(image: DieImage, taken: Sequence[Taken], setting: Setting) -> Setting:
-    """A setting with the place of the die before the stop, to about a micrometre; as it was where none explains."""
+    """A setting with the place of the die before the stop, to about a micrometre; as it was where none explains.
+
+    A light that is no point is told first where that explains more.
+    """
+    fit = judged(taken, image.pictures(setting), setting)
+    if fit.chi2 / fit.freedom <= most_noise(fit):
+        return setting
+    found = _placed(image, taken, setting)
+    if found == setting:
+        wide = _begun(image, taken, setting, LIGHTS[:1])
+        if _explains(image, taken, setting, wide):
+            found = _placed(image, taken, wide)
+    return found
+
+
+def _placed(image: DieImage, taken: Sequence[Taken], setting: Setting) -> Setting:
     panel, widest = image.panel, _WIDEST_UM
     if panel.tiling is Tiling.PERIODIC:
         widest = min(widest, panel.cell_size.pitch_um / _PER_PERIOD)
-    start = setting if DIE_X in dict(setting.bench) else setting.beside(dict.fromkeys(PLACE, 0.0))
-    found = _steps(image, taken, start, PLACE, widest)
-    return found if _explains(image, taken, setting, found) else setting
+    bench = dict(setting.bench)
+    start = setting.beside({name: bench.get(name, 0.0) for name in (*PLACE, STOP)})
+    found = _steps(image, taken, start, (*PLACE, STOP), widest)
+    if not _explains(image, taken, setting, found):
+        return setting
+    return replace(found, bench=tuple((name, value) for name, value in found.bench if value or name in PLACE))
 
 
 def _explains(image: DieImage, taken: Sequence[Taken], before: Setting, after: Setting) -> bool:
@@ -106,28 +123,30 @@ def _steps(image: DieImage, taken: Sequence[Taken], start: Setting, names: Seque
 
 def gain_of_others(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
     """The most that chi² would fall if all errors of the lens, or else one fault of the bench, were fitted too."""
-    now, groups, terms = _asked(image, taken, fit)
+    now, groups, terms = _asked(image, taken, fit, lens=True)
     held = [*range(fit.setting.values.size)]
     return max(now.gain([*held, *each]) for each in (*groups.values(), terms)) - now.gain(held)
 
 
 def _asked(
-    image: DieImage, taken: Sequence[Taken], fit: Fit
+    image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool
 ) -> tuple[NormalEquations, dict[tuple[str, ...], list[int]], list[int]]:
-    """The equations of a step with all that a fit lacks: places in them of what the bench may be, and of all terms."""
+    """The equations of a step with all that a fit lacks: places in them of what the bench may be, and of terms."""
     present = {name for name, _ in fit.setting.bench}
     several = len({float(line) for lines in image.light.values() for line in lines.wavelengths_nm}) > 1
     groups: list[tuple[str, ...]] = [PLACE, (STOP,), *((kind[0],) for kind in (LIGHTS, BANDS) if not present & {*kind})]
     if several and len(image.light) > 1:
         groups += [(AXIAL,), LATERAL] + ([(AXIAL_BEND,)] if len(image.light) > 2 and AXIAL in present else [])
     groups = [group for group in groups if not present & {*group}]
-    at, lens = fit.setting, with_all(image, taken, fit)
-    terms = tuple((term, 0.0) for term in lens[1])
-    wide = replace(at, terms=(*at.terms, *terms)).beside({name: 0.0 for group in groups for name in group})
-    pictures, slopes = image.pictures(at), dict(zip(wide.names, image.slopes(wide), strict=True))
-    names = [*at.names, *(name for group in groups for name in group), *(f"z{term}" for term, _ in terms)]
-    now = normal_equations(taken, pictures, [slopes[name] for name in names])
-    first = len(at.names)
+    wide = (with_lacking_terms(fit.setting) if lens else fit.setting).beside(
+        {name: 0.0 for group in groups for name in group}
+    )
+    slopes = dict(zip(wide.names, image.slopes(wide), strict=True))
+    asked = [name for group in groups for name in group]
+    terms = [name for name in wide.names if name not in fit.setting.names and name not in asked]
+    names = [*fit.setting.names, *asked, *terms]
+    now = normal_equations(taken, image.pictures(fit.setting), [slopes[name] for name in names])
+    first = len(fit.setting.names)
     places = {}
     for group in groups:
         places[group] = [*range(first, first + len(group))]
@@ -137,7 +156,7 @@ def _asked(
 
 def _wanted(image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool) -> tuple[str, ...]:
     """Values of the bench that bring most; none if that is too little, or with ``lens`` less than all terms do."""
-    now, groups, terms = _asked(image, taken, fit)
+    now, groups, terms = _asked(image, taken, fit, lens=lens)
     held = [*range(fit.setting.values.size)]
     gains = {group: now.gain([*held, *places]) - now.gain(held) for group, places in groups.items()}
     group = max(gains, key=lambda each: gains[each])
@@ -171,7 +190,7 @@ def _asked_for(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Prog
             wanted = _wanted(image, taken, fit, lens=lens)
             if not wanted:
                 break
-            more = fitted(image, taken, fit.setting.beside(_start(wanted)), progress)
+            more = fitted(image, taken, _begun(*_middle(image, taken), fit.setting, wanted), progress)
             if more.chi2 >= fit.chi2:
                 break
             fit = _of_better_shape(image, taken, more, progress)
@@ -182,7 +201,7 @@ def _asked_for(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Prog
     return fit
 
 
-def _middle(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[DieImage, list[Taken]]:
+def _middle(image: DieImage, taken: Sequence[Taken]) -> tuple[DieImage, list[Taken]]:
     """The pixels about the light, and the image of them: a search needs no more."""
     near = [capture.within(_REACH_UM) for capture in taken]
     few = {colour: gathered(lines, image.camera, _REACH_UM) for colour, lines in image.light.items()}
@@ -191,7 +210,7 @@ def _middle(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[DieIm
 
 
 def _with_place(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress) -> Fit | None:
-    found = place_found(*_middle(image, taken, fit.setting), fit.setting)
+    found = place_found(*_middle(image, taken), fit.setting)
     return None if found == fit.setting else fitted(image, taken, found, progress)
 
 
@@ -201,7 +220,7 @@ def _with_cut(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         return None
     first = tuple((term, 0.0) for term in FIRST_TERMS)
     fresh = replace(fit.setting, terms=first, bias_um=0.0, turn_rad=0.0, scale=0.0)
-    small, near = _middle(image, taken, fresh)
+    small, near = _middle(image, taken)
     tried = []
     for bend in _BENDS:
         start = fresh.beside({**dict.fromkeys(CUT[:2], 0.0), CUT_BEND: bend})
@@ -213,9 +232,16 @@ def _with_cut(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
     return fitted(image, taken, found, progress)
 
 
-def _start(names: Sequence[str]) -> dict[str, float]:
-    """Where a search for values begins: variances not at 0, below which there is nothing."""
-    return {name: STEPS[name] if name in FULL else 0.0 for name in names}
+def _begun(image: DieImage, taken: Sequence[Taken], at: Setting, names: Sequence[str]) -> Setting:
+    """A setting with more values, from which steps lead on; a variance is doubled as long as that explains more."""
+    start = at.beside({name: STEPS[name] if name in FULL else 0.0 for name in names})
+    if names[0] not in FULL:
+        return start
+    best, tried = math.inf, start
+    while (found := judged(taken, image.pictures(tried), tried).chi2) < best:
+        best, start = found, tried
+        tried = tried.beside({names[0]: 2 * dict(tried.bench)[names[0]]})
+    return start
 
 
 def _of_better_shape(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress) -> Fit:
@@ -235,10 +261,9 @@ def _without_idle(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: P
     """The fit without values of the bench that are not told from what is stated."""
     errors = fit.errors
     idle = {
-        name
-        for name, value in fit.setting.bench
-        if name not in CUT and name not in PLACE and value**2 < _PLACE_DEMANDED * errors[name] ** 2
+        name for name, value in fit.setting.bench if name not in CUT and value**2 < _PLACE_DEMANDED * errors[name] ** 2
     }
+    idle -= set() if idle >= {*PLACE} else {*PLACE}
     if not idle:
         return fit
     kept = tuple(pair for pair in fit.setting.bench if pair[0] not in idle)

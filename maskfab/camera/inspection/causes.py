@@ -124,17 +124,29 @@ def explained(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progr
         found = False
         if not turn or fit.chi2 / fit.freedom > most_noise(fit):
             image, taken, fit, found = _with_lamp(image, taken, fit, progress)
+        if not turn and not found:
+            # Before dust: what a light that is no point or a die off the axis leaves is dark in places, too.
+            taken, fit = _with_bench(image, taken, fit, progress)
         dark = _dark(taken, fit)
         if any(mask.any() for mask in dark):
             dust = tuple(one | other for one, other in zip(dust, dark, strict=True))
             taken = tuple(capture.without(mask) for capture, mask in zip(taken, dark, strict=True))
             fit, found = fitted(image, taken, _fresh(fit.setting), progress), True
-        if turn and not found:
+        if found:
+            taken, fit = _with_bench(image, taken, fit, progress)
+        elif turn:
             break
-        taken = expecting(image, taken, fit.setting)
-        fit = with_bench_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
     return Explanation(image, taken, with_frames(image, taken, fit), dust, _left(image, taken, fit))
+
+
+def _with_bench(
+    image: DieImage, taken: tuple[Taken, ...], fit: Fit, progress: Progress
+) -> tuple[tuple[Taken, ...], Fit]:
+    """The fit with bench and lens, and the noise that it lets expect."""
+    taken = expecting(image, taken, fit.setting)
+    fit = with_bench_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
+    return taken, fit
 
 
 def _fresh(setting: Setting) -> Setting:

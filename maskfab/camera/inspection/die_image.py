@@ -75,7 +75,10 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
     first = np.floor(places).astype(np.intp) - MARGIN + 1
     offsets = np.arange(2 * MARGIN)
     off_px = places[..., None] - (first[..., None] + offsets)
-    values = np.sinc(off_px) * np.exp(-(off_px**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
+    # One sine serves all samples about a place: from one to the next it changes its sign.
+    near = np.where(off_px == 0, 1e-300, off_px)
+    sines = np.sin(np.pi * off_px[..., :1]) * (1 - 2 * (offsets % 2)) / np.pi
+    values = np.where(off_px == 0, 1.0, sines / near) * np.exp(-(off_px**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
     columns = first[..., None] + offsets + samples // 2
     rows = np.broadcast_to(np.arange(centres.size)[:, None, None], columns.shape)
     held = (columns >= 0) & (columns < samples)
@@ -312,7 +315,7 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
-_KEPT = 3
+_KEPT, _KEPT_MEANS = 3, 24
 """Fields that are kept: a slope goes to either side of one."""
 _NODES_BETWEEN = 3
 _SPARE_PX = 4
@@ -421,6 +424,7 @@ class DieImage:
     _lens: dict[tuple[object, ...], list[LensField]] = field(default_factory=dict, repr=False)
     _amplitude: dict[tuple[object, ...], list[Complexes]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
+    _along: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False)
     _sloping: dict[Setting, dict[str, list[Floats]]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -461,7 +465,7 @@ class DieImage:
         key = tuple(bench.get(name, 0.0) for name in OF_PUPIL)
 
         def made() -> DieField:
-            before = opened(self.panel, self.way_round, self.camera.stop, bench)
+            before = opened(self.panel, self.way_round, self.camera.stop, bench, _RIM_DEGREE + 1)
             return DieField.of(before.pupil, self.camera.stop, self._frequencies, before.clear)
 
         return _kept(self._dies, key, made)
@@ -618,21 +622,26 @@ class DieImage:
                 for k, (right_um, up_um, share) in product(mine, lights):
                     x_um = self.pixels[k].x_um - setting.x_um - right_um - off_x
                     y_um = self.pixels[k].y_um - setting.y_um - up_um - off_y
-                    across, up = (pixel_means(samples, um * (stretch / self._step), width) for um in (x_um, y_um))
+                    across, up = (self._means(samples, um, stretch / self._step, width) for um in (x_um, y_um))
                     factor = share * weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(taken, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
         return taken
+
+    def _means(self, samples: int, centres_um: Floats, stretch: float, width: float) -> Floats:
+        """Matrix of means over pixels; of a picture that is moved along one axis the other axis has the same."""
+        key = samples, float(centres_um[0]), float(centres_um[-1]), centres_um.size, stretch
+        return _kept(self._along, key, lambda: pixel_means(samples, centres_um * stretch, width), _KEPT_MEANS)
 
 
 def _intensity(field: Complexes, energy_um2: float) -> Floats:
     return np.asarray((field.real**2 + field.imag**2) / energy_um2)
 
 
-def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V]) -> _V:
+def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V], most: int = _KEPT) -> _V:
     """What is kept under a key, made where it is not; of others the ones that were asked for last."""
     value = kept.pop(key) if key in kept else made()
-    while len(kept) >= _KEPT:
+    while len(kept) >= most:
         kept.pop(next(iter(kept)))
     kept[key] = value
     return value

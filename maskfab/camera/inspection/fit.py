@@ -270,19 +270,19 @@ def _drop_insignificant(image: DieImage, taken: Sequence[Taken], fit: Fit, progr
     return fewer if fewer.chi2 - fit.chi2 < price * dropped else fit
 
 
-def with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
-    """The equations of a step of a fit together with the terms that it lacks, and those."""
-    present = {term for term, _ in fit.setting.terms}
-    asked = [term for term in _MORE_TERMS if term not in present]
-    at = replace(fit.setting, terms=(*fit.setting.terms, *((term, 0.0) for term in asked)))
-    return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
+def with_lacking_terms(at: Setting) -> Setting:
+    """A setting with all of the lens's errors, 0 where it says nothing of them."""
+    present = {term for term, _ in at.terms}
+    return replace(at, terms=(*at.terms, *((term, 0.0) for term in _MORE_TERMS if term not in present)))
 
 
 def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
     """Terms that a fit lacks, the one that brings most first."""
-    now, asked = with_all(image, taken, fit)
+    at = with_lacking_terms(fit.setting)
+    now = normal_equations(taken, image.pictures(at), image.slopes(at))
     old = fit.setting.values.size
-    held, left = list(range(old)), list(range(old, old + len(asked)))
+    asked = [term for term, _ in at.terms[len(fit.setting.terms) :]]
+    held, left = list(range(old)), list(range(old, at.values.size))
     noise = max(1.0, (fit.chi2 - now.gain([*held, *left])) / fit.freedom)
     chosen: list[int] = []
     while left:
