@@ -7,7 +7,7 @@ adds comes after that: dust, drift, banding, noise, blooming, codes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import factorial
@@ -15,10 +15,10 @@ from math import factorial
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import signal, special
 
 from maskfab.base.model import Panel
-from maskfab.camera.frames.frame import Frame
+from maskfab.camera.frames.frame import Frame, Pattern
 
 Floats = NDArray[np.float64]
 _STRIP_UM, _NODES = 0.5, 5
@@ -53,6 +53,10 @@ class Dots:
         (left, right), (low, high) = ((held[0], held[-1] + 1) for held in kept)
         return Dots(self.x_um[left : right + 1], self.y_um[low : high + 1], self.clear[low:high, left:right])
 
+    def moved(self, x_um: float, y_um: float) -> Dots:
+        """The die off the axis."""
+        return Dots(self.x_um + x_um, self.y_um + y_um, self.clear)
+
     def grown(self, bias_um: float) -> Dots:
         """Clear features wider by so much, half of it at each edge: every edge becomes a strip of its own."""
         if not bias_um:
@@ -72,7 +76,10 @@ class Dots:
 
 @dataclass(frozen=True)
 class Optics:
-    """Lens and pixels, in um and nm: weights of lines, and waves at the first of them by Noll's numbers."""
+    """Lens and pixels, in um and nm: weights of lines, and waves at the first of them by Noll's numbers.
+
+    ``barrel``, if there is one, is a second circle before the stop: x, y and radius.
+    """
 
     diameter_um: float
     focal_um: float
@@ -80,6 +87,7 @@ class Optics:
     pixels: int
     lines: dict[float, float]
     terms: dict[int, float] = field(default_factory=dict)
+    barrel: tuple[float, float, float] | None = None
 
 
 def zernike(number: int, x: Floats, y: Floats) -> Floats:
@@ -112,14 +120,13 @@ def picture(dots: Dots, optics: Optics, at_um: tuple[float, float] = (0.0, 0.0))
     radius, first = optics.diameter_um / 2, next(iter(optics.lines))
     dots = dots.within(radius)
     x, y = dots.x_um, dots.y_um
-    far = [np.hypot(*np.meshgrid(*(op(abs(a[:-1]), abs(a[1:])) for a in (x, y)))) for op in (np.minimum, np.maximum)]
-    crossing = [((a[:-1] < 0) & (a[1:] > 0)) for a in (x, y)]
-    near_x, near_y = (
-        np.where(c, 0, np.minimum(abs(a[:-1]), abs(a[1:]))) for a, c in zip((x, y), crossing, strict=True)
-    )
-    near = np.hypot(near_x, near_y[:, None])
-    whole = np.where(far[1] <= radius, dots.clear, 0.0)
-    rim = _rim(dots, (far[1] > radius) & (near < radius) & (dots.clear > 0), radius)
+    circles = [(0.0, 0.0, radius), *([optics.barrel] if optics.barrel else [])]
+    held, met = np.ones(dots.clear.shape, dtype=bool), np.ones(dots.clear.shape, dtype=bool)
+    for at_x, at_y, limit in circles:
+        far, near = _distances(x - at_x, y - at_y)
+        held, met = held & (far <= limit), met & (near < limit)
+    whole = np.where(held, dots.clear, 0.0)
+    rim = _rim(dots, ~held & met & (dots.clear > 0), circles)
     energy = (np.diff(y) @ whole**2 @ np.diff(x)) + ((rim[1] - rim[0]) * (rim[3] - rim[2]) * rim[4] ** 2).sum()
     nodes, weights = leggauss(_NODES)
     places = optics.pixel_um * (np.arange(optics.pixels)[:, None] - (optics.pixels - 1) / 2 + nodes / 2).ravel()
@@ -144,18 +151,71 @@ def picture(dots: Dots, optics: Optics, at_um: tuple[float, float] = (0.0, 0.0))
     return total / sum(optics.lines.values())
 
 
-def _rim(dots: Dots, cut: NDArray[np.bool_], radius: float) -> Floats:
-    """Strips of the dots that the stop cuts: low and high along x, along y, and transmission, [5, strips]."""
+def _distances(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Of the farthest and of the nearest point of every dot from the origin."""
+    ends = [np.stack([abs(axis[:-1]), abs(axis[1:])]) for axis in (x, y)]
+    across = [(axis[:-1] < 0) & (axis[1:] > 0) for axis in (x, y)]
+    near = [np.where(over, 0.0, each.min(axis=0)) for each, over in zip(ends, across, strict=True)]
+    far = [each.max(axis=0) for each in ends]
+    return np.hypot(far[0], far[1][:, None]), np.hypot(near[0], near[1][:, None])
+
+
+def _rim(dots: Dots, cut: NDArray[np.bool_], circles: Sequence[tuple[float, float, float]]) -> Floats:
+    """Strips of the dots that circles cut: low and high along x, along y, and transmission, [5, strips]."""
     strips = []
     for row, column in np.argwhere(cut):
         low, high = dots.y_um[row : row + 2]
         edges = np.linspace(low, high, max(1, round((high - low) / _STRIP_UM)) + 1)
         for one, other in pairwise(edges):
-            chord = np.sqrt(max(0.0, radius**2 - ((one + other) / 2) ** 2))
-            left, right = max(dots.x_um[column], -chord), min(dots.x_um[column + 1], chord)
+            left, right = dots.x_um[column], dots.x_um[column + 1]
+            for at_x, at_y, radius in circles:
+                chord = np.sqrt(max(0.0, radius**2 - ((one + other) / 2 - at_y) ** 2))
+                left, right = max(left, at_x - chord), min(right, at_x + chord)
             if left < right:
                 strips.append((left, right, one, other, dots.clear[row, column]))
     return np.array(strips).reshape(-1, 5).T
+
+
+_SPARE = 16
+
+
+def lamp_picture(
+    dots: Dots, optics: Optics, width_um: float, at_um: tuple[float, float] = (0.0, 0.0), *, disc: bool = True
+) -> Floats:
+    """The picture of a lamp that is no point: a disc of so much width on the sensor, or a bell's at half its height.
+
+    Pixels are taken finer than the picture's limit, and beyond the window, so that its transform is exact.
+    """
+    shortest = min(optics.lines) * 1e-3
+    times = int(np.ceil(2.2 * optics.pixel_um * optics.diameter_um / (shortest * optics.focal_um)))
+    side = optics.pixels + 2 * _SPARE
+    step = optics.pixel_um / times
+    fine = picture(dots, replace(optics, pixel_um=step, pixels=side * times), at_um)
+    wave = np.hypot(np.fft.fftfreq(side * times, step)[:, None], np.fft.rfftfreq(side * times, step))
+    if disc:
+        left = np.pi * width_um * np.where(wave > 0, wave, 1.0)
+        share = np.where(wave > 0, 2 * special.j1(left) / left, 1.0)
+    else:
+        share = np.exp(-((np.pi * width_um * wave) ** 2) / (4 * np.log(2)))
+    wide = np.fft.irfft2(np.fft.rfft2(fine) * share, fine.shape)
+    return wide.reshape(side, times, side, times).sum(axis=(1, 3))[_SPARE:-_SPARE, _SPARE:-_SPARE]
+
+
+def flat_band(middle_nm: float, width_nm: float, count: int = 41) -> dict[float, float]:
+    """Lines of equal weight that fill a band, the middle one first: it is that of the lens's waves."""
+    lines = middle_nm + width_nm * ((np.arange(count) + 0.5) / count - 0.5)
+    return dict.fromkeys(sorted(lines.tolist(), key=lambda line: abs(line - middle_nm)), 1 / count)
+
+
+MOSAIC: Pattern = (("R", "G"), ("G", "B"))
+
+
+def mosaic(colours: Mapping[str, Floats]) -> Floats:
+    """What a colour sensor sees of pictures in red, green and blue."""
+    seen = np.empty_like(colours["G"])
+    for row, column in np.ndindex(2, 2):
+        seen[row::2, column::2] = colours[MOSAIC[row][column]][row::2, column::2]
+    return seen
 
 
 @dataclass(frozen=True)
@@ -198,16 +258,18 @@ class Stack:
     dust: Floats | None = None
     drift: tuple[float, ...] | None = None
     sensor: Sensor = Sensor()
+    pattern: Pattern | None = None
 
     def frames(self, seed: int) -> list[Frame]:
         """Frames as a camera would hand them over, the first with ``peak_e`` electrons at its peak for time 1."""
         random, sensor = np.random.default_rng(seed), self.sensor
         lights = [self.light] * len(self.times) if isinstance(self.light, np.ndarray) else self.light
+        black = (sensor.black,) * (1 if self.pattern is None else 4)
         unit, frames = self.peak_e / lights[0].max(), []
         for light, time, drift in zip(lights, self.times, self.drift or (1.0,) * len(self.times), strict=True):
             shaded = light * (1.0 if self.dust is None else self.dust)
             counts = sensor.counts((unit * drift * shaded + self.beneath_e) * time, random)
-            frames.append(Frame(f"{time:g}.tif", counts, (sensor.black,), sensor.white, None, 1e-3 * time))
+            frames.append(Frame(f"{time:g}.tif", counts, black, sensor.white, self.pattern, 1e-3 * time))
         return frames
 
 

@@ -36,10 +36,10 @@ WEAK = {
 }  # fmt: skip
 """Strengths that nobody notices."""
 NAMES = {
-    "glare": Cause.GLARE, "bandwidth": Cause.BANDWIDTH, "black": Cause.BLACK, "gamma": Cause.GAMMA,
+    "glare": Cause.GLARE, "black": Cause.BLACK, "gamma": Cause.GAMMA,
     "soft clip": Cause.SOFT_CLIP, "response": Cause.RESPONSE, "dead": Cause.DEAD, "shading": Cause.SHADING,
     "dust": Cause.DUST, "hot": Cause.HOT, "rows": Cause.ROWS, "columns": Cause.COLUMNS, "flicker": Cause.DRIFT,
-    "lamp size": Cause.LAMP_SIZE, "second lamp": Cause.LAMP,
+    "second lamp": Cause.LAMP, "lamp size": "size of the lamp", "bandwidth": "bandwidth",
 }  # fmt: skip
 
 
@@ -61,8 +61,9 @@ def named(found: Measured) -> set[str]:
     }
     said = " ".join(found.sentences)
     names |= {str(Cause.LAMP)} if "second lamp" in said else set()
-    names |= {str(Cause.LAMP_SIZE)} if found.explained.width is not None else set()
-    names |= {str(Cause.BANDWIDTH)} if "nm wide" in said else set()
+    seen = {"no point": "size of the lamp", "no line": "bandwidth", "die's middle": "place", "stop is": "stop"}
+    seen |= {"Something cuts": "vignetting"}
+    names |= {name for words, name in seen.items() if words in said}
     return names | ({str(Cause.DRIFT)} if "Light of exposures" in said else set())
 
 

@@ -428,14 +428,14 @@ class Pupil(Frozen):
         return _moments(x, y, self.rim_row, self.rim_column, self.rim_transmission, self.stop, orders)
 
 
-def cut(aperture: Aperture, stop: Stop) -> Pupil:
-    """The part of an aperture inside a centred stop."""
+def cut(aperture: Aperture, stop: Stop, orders: int = RIM_ORDERS) -> Pupil:
+    """The part of an aperture inside a centred stop, dots that it cuts with moments of so many orders."""
     x, y = aperture.x.edges_um(), aperture.y.edges_um()
     whole, variance, row, column = _parted(aperture, stop)
     transmits = aperture.transmission[row, column] != 0
     row, column = row[transmits], column[transmits]
     transmission = aperture.transmission[row, column]
-    moments = _moments(x, y, row, column, transmission, stop, RIM_ORDERS)
+    moments = _moments(x, y, row, column, transmission, stop, orders)
     return Pupil(aperture.x, aperture.y, whole, variance, row, column, moments, transmission, stop)
 
 

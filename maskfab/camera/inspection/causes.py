@@ -28,20 +28,23 @@ from maskfab.base.arrays import Floats, Mask
 from maskfab.base.work import Progress, silent
 from maskfab.camera.frames.merge import alone
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
-from maskfab.camera.inspection.diagnosis import LIKELY, NAMED, NOISE_KNOWN, Cause, Suspect, suspects_of
+from maskfab.camera.inspection.bench import FULL
+from maskfab.camera.inspection.bench_search import gain_of_others, with_bench_and_terms
+from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, suspects_of
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
+    LIKELY,
+    NOISE_KNOWN,
     Fit,
     Taken,
     expecting,
     fitted,
     frame_gains,
-    gain_of_terms,
     judged,
+    most_noise,
     with_frames,
 )
-from maskfab.camera.inspection.identity import with_width_and_terms
 
 _LEAST_NOISE = 0.8
 """Chi² per pixel below which the noise is another than gain and read noise say."""
@@ -104,7 +107,6 @@ class Explanation:
     """Frames as far as they could be explained.
 
     Attributes:
-        width: full width of the light at half maximum and its standard error, um; None of a point.
         suspects: faults that may be behind what is left, the likeliest first.
         factor: root of chi² per pixel, before a fault was taken off.
         mended: whether all else is told of frames without the likeliest fault, and explained.
@@ -113,7 +115,6 @@ class Explanation:
     image: DieImage
     taken: tuple[Taken, ...]
     fit: Fit
-    width: tuple[float, float] | None
     left_out: LeftOut
     suspects: tuple[Suspect, ...]
     cause: Cause | None
@@ -123,7 +124,15 @@ class Explanation:
     @property
     def most(self) -> float:
         """The most of it that noise allows."""
-        return math.sqrt(_most(self.fit))
+        return math.sqrt(most_noise(self.fit))
+
+    def width(self, *kinds: str) -> tuple[str, float, float] | None:
+        """Name and full width of what smooths the picture, of a bell at half its height, and its standard error."""
+        for name, variance in self.fit.setting.bench:
+            if name in kinds and variance:
+                width = FULL[name] * math.sqrt(variance)
+                return name, width, width * self.fit.errors[name] / (2 * variance)
+        return None
 
 
 def explained(
@@ -161,28 +170,40 @@ def explained(
 def _explained(
     image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress, electrons_per_count: float
 ) -> Explanation:
-    whole, taken, width, left_out = tuple(taken), tuple(taken), None, LeftOut.none(taken)
+    whole, taken, left_out = tuple(taken), tuple(taken), LeftOut.none(taken)
     for turn in range(2):
         # What is left out is told anew: a fit that was off may have made it of what it did not know.
         lone = _lone(whole, fit)
         taken, fit, found = _without(image, whole, taken, fit, replace(lone, dust=left_out.dust), left_out, progress)
-        if not turn or fit.chi2 / fit.freedom > _most(fit):
+        lit = False
+        if not turn or fit.chi2 / fit.freedom > most_noise(fit):
             image, taken, fit, lit = _with_lamp(image, taken, fit, progress)
-            found = found or lit
+        if not turn and not lit:
+            # Before dust: what a light that is no point or a die off the axis leaves is dark in places, too.
+            taken, fit = _with_bench(image, taken, fit, progress)
         now = replace(lone, dust=_dark(lone.taken_from(whole), fit))
         taken, fit, shaded = _without(image, whole, taken, fit, now, replace(lone, dust=left_out.dust), progress)
         left_out = now
-        if turn and not (found or shaded):
+        if lit or shaded or (turn and found):
+            taken, fit = _with_bench(image, taken, fit, progress)
+        elif turn:
             break
-        taken = expecting(image, taken, fit.setting)
-        image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
         if fit.setting.lamp is not None and not _is_lamp(fit, math.inf, _LEAST_APART_PX * image.camera.pixel_um):
             fit = fitted(image, taken, replace(_fresh(fit.setting), lamp=None), progress)
     taken, fit = _with_gains(image, taken, fit, progress)
     suspects = tuple(suspects_of(image, taken, fit, electrons_per_count))
     cause = _left(image, taken, fit, suspects)
     fit, factor = with_frames(image, taken, fit), math.sqrt(fit.chi2 / fit.freedom)
-    return Explanation(image, taken, fit, width, left_out, suspects, cause, factor)
+    return Explanation(image, taken, fit, left_out, suspects, cause, factor)
+
+
+def _with_bench(
+    image: DieImage, taken: tuple[Taken, ...], fit: Fit, progress: Progress
+) -> tuple[tuple[Taken, ...], Fit]:
+    """The fit with bench and lens, and the noise that it lets expect."""
+    taken = expecting(image, taken, fit.setting)
+    fit = with_bench_and_terms(image, taken, fitted(image, taken, fit.setting, progress), progress)
+    return taken, fit
 
 
 def _without(
@@ -203,7 +224,8 @@ def _without(
 
 def _fresh(setting: Setting) -> Setting:
     """A setting that knows of places alone: what it made of the rest may be the doing of what is now left out."""
-    return Setting(setting.x_um, setting.y_um, terms=tuple((term, 0.0) for term in FIRST_TERMS), lamp=setting.lamp)
+    terms = tuple((term, 0.0) for term in FIRST_TERMS)
+    return Setting(setting.x_um, setting.y_um, terms=terms, lamp=setting.lamp, bench=setting.bench)
 
 
 def _with_lamp(
@@ -217,11 +239,10 @@ def _with_lamp(
     if lamp is None or gain < max(_LAMP_GAIN * noise, _LAMP_SHARE * left_over):
         return image, taken, fit, False
     likelier = max((each.gain for each in suspects_of(image, taken, fit, 1.0) if each.one_value), default=0.0)
-    if gain < max(gain_of_terms(image, taken, fit), likelier):
+    if gain < max(gain_of_others(image, taken, fit), likelier):
         return image, taken, fit, False
     off_um = max(abs(lamp.x_um), abs(lamp.y_um)) + _NEAREST_PX * image.camera.pixel_um
     wide = DieImage.of(image.panel, image.way_round, image.camera, image.light, image.pixels, off_um)
-    wide = replace(wide, light_um=image.light_um)
     with_lamp = fitted(wide, taken, replace(_fresh(fit.setting), lamp=lamp), progress)
     if with_lamp.chi2 > fit.chi2 - _LAMP_GAIN or not _is_lamp(
         with_lamp, off_um, _LEAST_APART_PX * image.camera.pixel_um
@@ -321,20 +342,15 @@ def _with_gains(
     return taken, fit
 
 
-def _most(fit: Fit) -> float:
-    """The most that chi² per pixel is where noise alone is left."""
-    return 1 + NOISE_KNOWN + LIKELY * math.sqrt(2 / fit.freedom)
-
-
 def _left(image: DieImage, taken: Sequence[Taken], fit: Fit, suspects: Sequence[Suspect]) -> Cause | None:
     """Cause of what a fit leaves, None where it is noise."""
     misfit = fit.chi2 / fit.freedom
     first = suspects[0] if suspects else None
     # Pixels that differ by no more than noise bend no width.
-    harmless = first is not None and first.cause is Cause.RESPONSE and misfit <= _most(fit)
+    harmless = first is not None and first.cause is Cause.RESPONSE and misfit <= most_noise(fit)
     if first is not None and first.gain >= NAMED and first.explains and not harmless:
         return first.cause
-    if misfit > _most(fit):
+    if misfit > most_noise(fit):
         # Beside the peak a lens that is wrong may look like dust, so such pixels are not left out.
         if holds_most(fit, _dark(taken, fit, math.inf)):
             return Cause.DUST

@@ -31,8 +31,7 @@ from scipy import ndimage
 
 from maskfab.base.arrays import Floats, Indices, Mask
 from maskfab.camera.inspection.die_image import DieImage
-from maskfab.camera.inspection.fit import Fit, Taken, colours_of, with_all_terms
-from maskfab.camera.inspection.identity import FWHM
+from maskfab.camera.inspection.fit import LIKELY, NOISE_KNOWN, Fit, Taken, colours_of, with_lacking_terms
 
 
 class Cause(StrEnum):
@@ -55,28 +54,22 @@ class Cause(StrEnum):
     DEAD = "dead pixels"
     SHADING = "lens shading"
     GLARE = "glare"
-    LAMP_SIZE = "size of the lamp"
-    BANDWIDTH = "bandwidth of the light"
     INTERVAL = "interval holds the limit"
     UNKNOWN = "not in the model"
 
 
 NAMED, _AHEAD = 40.0, 12.0
 """Growth of twice the log-likelihood from which a fault is named, and by which it must be ahead of the next."""
-LIKELY = 5.0
-"""Standard deviations by which a measure of noise may be off by chance."""
-NOISE_KNOWN = 0.03
 _MUCH_OF_IT = 0.35
 """Share of what is left over, that a fault must explain: it changes the noise, too."""
 _MOST_UNLIKE = 0.05
 """Deviation of pixels' response beyond which it is no sensor's: a wrong picture looks like that, too."""
-DARK, FLAT, DIMMER, OPEN, COVERED, FILTERED, AGAIN = (
+DARK, FLAT, DIMMER, OPEN, COVERED, AGAIN = (
     "a dark frame as long as the longest exposure (--dark)",
     "frames of even light (--flat)",
     "the same stack at a quarter of the light",
     "a stack of the light without the plate",
     "a frame with the point light covered",
-    "a stack through a narrow filter",
     "the same stack once more",
 )
 _SHOWS: Mapping[Cause, tuple[str, ...]] = {
@@ -93,8 +86,6 @@ _SHOWS: Mapping[Cause, tuple[str, ...]] = {
     Cause.DRIFT: (AGAIN,),
     Cause.LAMP: (COVERED, OPEN),
     Cause.GLARE: (OPEN,),
-    Cause.LAMP_SIZE: (OPEN,),
-    Cause.BANDWIDTH: (FILTERED,),
 }
 """Frames in which every fault shows."""
 
@@ -229,6 +220,8 @@ class _Readings:
 
 
 _CORE = 0.1
+_SKIRT_PX, _SKIRT_ENDS = 2.0, 100.0
+"""Pixels within which a skirt is level, and how many times as far it reaches."""
 _KNEES, _FEWEST_CLIPPED = (0.4, 0.55, 0.7, 0.85), 4
 _ALONE_PIXELS, _NEARLY_DARK = 2, 0.4
 
@@ -245,7 +238,7 @@ def suspects_of(image: DieImage, taken: Sequence[Taken], fit: Fit, electrons_per
     found = [
         *_of_counts(readings, taken, electrons_per_count),
         *_of_pixels(readings, taken, fit),
-        *_of_light(readings, image, taken, fit),
+        _glare(readings, image, taken, fit),
     ]
     best: dict[Cause, Suspect] = {}
     for each in sorted(found, key=lambda suspect: -suspect.gain):
@@ -257,7 +250,8 @@ def _readings(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Readings | 
     planes = [capture.plane for capture in taken if capture.plane is not None]
     if len(planes) < len(taken):
         return None
-    slopes, pictures = with_all_terms(image, fit)
+    every = with_lacking_terms(fit.setting)
+    slopes, pictures = image.slopes(every), image.pictures(every)
     colours, frames, first = colours_of(taken), len(planes[0].scales), 0
     parts, known = [], []
     clears: list[Mask] = []
@@ -377,37 +371,11 @@ def _by_pixel(readings: _Readings, effect: Floats, size: int) -> tuple[Floats, F
     return strength * np.sqrt(information), strength
 
 
-_SPREAD_PX = 0.5
-_SCALED = 0.004
-
-
-def _of_light(readings: _Readings, image: DieImage, taken: Sequence[Taken], fit: Fit) -> Iterator[Suspect]:
-    """Faults of the lamp and of the way of its light."""
-    setting = fit.setting
-
-    def effect(values: Sequence[Floats]) -> list[Floats]:
-        lights = [fit.light[one.pixels.colour] for one in taken]
-        return [per * light * each for per, light, each in zip(readings.per_light, lights, values, strict=True)]
-
-    skirts = []
-    for capture in taken:
+def _glare(readings: _Readings, image: DieImage, taken: Sequence[Taken], fit: Fit) -> Suspect:
+    """Light in a skirt that falls with the square of the distance."""
+    setting, effect = fit.setting, []
+    for capture, per_light in zip(taken, readings.per_light, strict=True):
         far2 = (capture.pixels.x_um - setting.x_um) ** 2 + (capture.pixels.y_um[:, None] - setting.y_um) ** 2
-        skirts.append(1 / (far2 / image.camera.pixel_um**2 + 4.0) / (2 * math.pi * math.log(100)))
-    yield readings.suspect(Cause.GLARE, [effect(skirts)])
-    here = image.pictures(setting)
-    apart = (_SPREAD_PX * image.camera.pixel_um) ** 2
-    wider = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(setting)
-    size = readings.suspect(Cause.LAMP_SIZE, [effect([b - a for a, b in zip(here, wider, strict=True)])])
-    yield replace(
-        size, value=FWHM * math.sqrt(apart * max(size.value, 0.0)), error=_of_root(size, FWHM * math.sqrt(apart))
-    )
-    ahead, behind = (image.pictures(replace(setting, scale=setting.scale + sign * _SCALED)) for sign in (1, -1))
-    bent = [(a + b) / 2 - c for a, b, c in zip(ahead, behind, here, strict=True)]
-    band = readings.suspect(Cause.BANDWIDTH, [effect(bent)])
-    unit = FWHM * _SCALED * float(image.camera.wavelengths_nm[0])
-    yield replace(band, value=unit * math.sqrt(max(band.value, 0.0)), error=_of_root(band, unit))
-
-
-def _of_root(square: Suspect, unit: float) -> float:
-    """Standard error of a root in a unit, of its square's."""
-    return unit * square.error / (2 * math.sqrt(max(square.value, square.error, 1e-12)))
+        skirt = 1 / (far2 / image.camera.pixel_um**2 + _SKIRT_PX**2) / (2 * math.pi * math.log(_SKIRT_ENDS))
+        effect.append(fit.light[capture.pixels.colour] * per_light * skirt)
+    return readings.suspect(Cause.GLARE, [effect])

@@ -21,29 +21,43 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 import scipy
 
-from maskfab.base.arrays import Complexes, Floats
-from maskfab.base.model import Panel, orient
+from maskfab.base.arrays import Complexes, Floats, Mask
+from maskfab.base.model import Panel
 from maskfab.base.units import UM_PER_NM
+from maskfab.camera.inspection.bench import (
+    AXIAL,
+    AXIAL_BEND,
+    LATERAL,
+    OF_PUPIL,
+    PER_NM,
+    STEPS,
+    in_band,
+    light_transfer,
+    opened,
+    within,
+)
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.phase import zernike
 from maskfab.optics.polynomials import gauss_legendre, spherical_bessel
-from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
+from maskfab.optics.pupil import Pupil
 from maskfab.optics.spectrum import Spectrum
 
 OVERSAMPLING = 1.3
 """Samples on a grid for each that the picture's limit asks for."""
 MARGIN = 24
 """Samples that a grid must hold beyond the outermost pixel."""
+_K = TypeVar("_K")
+_V = TypeVar("_V")
 _WIDTH = math.sqrt(MARGIN / (math.pi * (1 - 1 / OVERSAMPLING)))
-_ALIASED, _REACH = 0.77, 4.5
 _NODES = 8
 """Of the mean over a pixel, which holds a few samples across."""
 
@@ -61,7 +75,10 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
     first = np.floor(places).astype(np.intp) - MARGIN + 1
     offsets = np.arange(2 * MARGIN)
     off_px = places[..., None] - (first[..., None] + offsets)
-    values = np.sinc(off_px) * np.exp(-(off_px**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
+    # One sine serves all samples about a place: from one to the next it changes its sign.
+    near = np.where(off_px == 0, 1e-300, off_px)
+    sines = np.sin(np.pi * off_px[..., :1]) * (1 - 2 * (offsets % 2)) / np.pi
+    values = np.where(off_px == 0, 1.0, sines / near) * np.exp(-(off_px**2) / (2 * _WIDTH**2)) * (weights[:, None] / 2)
     columns = first[..., None] + offsets + samples // 2
     rows = np.broadcast_to(np.arange(centres.size)[:, None, None], columns.shape)
     held = (columns >= 0) & (columns < samples)
@@ -69,18 +86,12 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
     return scipy.sparse.coo_array(parts, shape=(centres.size, samples)).toarray()  # type: ignore[no-any-return]
 
 
-def gaussian_nodes(sigma: float) -> tuple[Floats, Floats]:
-    """Places and weights that stand for a Gaussian under which such a picture is smoothed, by the trapezoid rule.
-
-    Its repetitions along the frequency fall on the picture's band with less than 1e-5 of themselves.
-    """
-    if not sigma:
-        return np.zeros(1), np.ones(1)
-    apart = 1 / (1 / (2 * OVERSAMPLING) + _ALIASED / sigma)
-    count = math.ceil(_REACH * sigma / apart)
-    places = np.asarray(apart * np.arange(-count, count + 1), dtype=np.float64)
-    weights = np.exp(-((places / sigma) ** 2) / 2)
-    return places, np.asarray(weights / weights.sum())
+def smoothed(picture: Floats, per_um: float, transfer: Callable[[Floats], Floats]) -> Floats:
+    """A picture [n, n] of so many samples a micrometre in a light of some transfer, dark beyond its ends."""
+    size = scipy.fft.next_fast_len(picture.shape[0] + 2 * MARGIN, real=True)
+    up, across = per_um * np.fft.fftfreq(size)[:, None], per_um * np.fft.rfftfreq(size)
+    spectrum = scipy.fft.rfft2(picture, (size, size)) * transfer(np.hypot(up, across))
+    return scipy.fft.irfft2(spectrum, (size, size))[: picture.shape[0], : picture.shape[1]]  # type: ignore[no-any-return]
 
 
 def turned(picture: Floats, angle_rad: float) -> Floats:
@@ -151,6 +162,7 @@ class DieField:
     energy_um2: float
     frequencies: Floats
     _dots: Floats
+    _clear: Mask
     _rim: _Rim
     _x: Floats
     _y: Floats
@@ -163,22 +175,32 @@ class DieField:
     _lines_y: Floats
 
     @classmethod
-    def of(cls, pupil: Pupil, stop: Stop, frequencies: Floats) -> DieField:
-        """The field of a pupil at these frequencies."""
+    def of(cls, pupil: Pupil, stop: Stop, frequencies: Floats, clear: Mask | None = None) -> DieField:
+        """The field of a pupil at these frequencies.
+
+        Args:
+            stop: in whose radii errors of the lens are told.
+            clear: dots that are open whether the stop hides them or not; those of the pupil where nothing is said.
+        """
         dots = np.array(pupil.mean_transmission)
         edges_x, edges_y = pupil.x.edges_um(), pupil.y.edges_um()
         x, y = (edges_x[1:] + edges_x[:-1]) / 2, (edges_y[1:] + edges_y[:-1]) / 2
         wide_x, wide_y = pupil.x.dot_um, pupil.y.dot_um
+        rim, radius = _rim(pupil, x, y, frequencies), stop.diameter_um / 2
+        # Of a die off the axis most cells may lie beyond the stop.
+        lit = [np.flatnonzero((dots > 0).any(axis=axis)) for axis in (1, 0)]
+        (low, high), (left, right) = ((held[0], held[-1] + 1) if held.size else (0, 1) for held in lit)
+        box, up, across = np.s_[low:high, left:right], slice(low, high + 1), slice(left, right + 1)
+        clear = np.asarray(dots > 0 if clear is None else clear)[box]
+        dots, x, y, edges_x, edges_y = dots[box], x[left:right], y[low:high], edges_x[across], edges_y[up]
         waves = _waves(x, frequencies, wide_x), _waves(y, frequencies, wide_y)
         lines = _waves(edges_x, frequencies), _waves(edges_y, frequencies)
-        rim, radius = _rim(pupil, x, y, frequencies), stop.diameter_um / 2
-        return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, *waves, *lines)
+        return cls(pupil.energy_um2, frequencies, dots, clear, rim, x, y, edges_x, edges_y, radius, *waves, *lines)
 
     @cached_property
     def _outline(self) -> tuple[Floats, Floats, Floats]:
         """Weights of upright edges, level ones, and corners."""
-        dots = self._dots
-        clear = (dots > 0).astype(np.float64)
+        dots, clear = self._dots, self._clear.astype(np.float64)
         # Of an edge that the stop cuts, as much as of the dot that it bounds.
         upright = abs(np.diff(dots, axis=1, prepend=0, append=0)) * (np.diff(clear, axis=1, prepend=0, append=0) != 0)
         level = abs(np.diff(dots, axis=0, prepend=0, append=0)) * (np.diff(clear, axis=0, prepend=0, append=0) != 0)
@@ -293,6 +315,9 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
+_KEPT, _KEPT_MEANS = 3, 24
+"""Fields that are kept: a slope goes to either side of one."""
+_NODES_BETWEEN = 3
 _SPARE_PX = 4
 """Pixels by which a light may be found off the middle of the window, and the window stretched."""
 
@@ -320,6 +345,7 @@ class Setting:
             less 1.
         bias_um: by which clear features are wider than drawn.
         terms: the lens's errors, pairs of Noll's number and waves at the camera's first line.
+        bench: pairs of a name of :mod:`maskfab.camera.inspection.bench` and a value, of all that is sought of it.
     """
 
     x_um: float = 0.0
@@ -329,24 +355,39 @@ class Setting:
     bias_um: float = 0.0
     terms: tuple[tuple[int, float], ...] = ()
     lamp: Lamp | None = None
+    bench: tuple[tuple[str, float], ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all that is not known, in the order of :attr:`values`."""
-        return (*GEOMETRY, BIAS, *(LAMP if self.lamp else ()), *(f"z{term}" for term, _ in self.terms))
+        sought = *(LAMP if self.lamp else ()), *(name for name, _ in self.bench)
+        return (*GEOMETRY, BIAS, *sought, *(f"z{term}" for term, _ in self.terms))
 
     @property
     def values(self) -> Floats:
         lamp = () if self.lamp is None else (self.lamp.x_um, self.lamp.y_um, self.lamp.share)
         stand = self.x_um, self.y_um, self.turn_rad, self.scale, self.bias_um
-        return np.array([*stand, *lamp, *(waves for _, waves in self.terms)])
+        return np.array([*stand, *lamp, *(value for _, value in self.bench), *(waves for _, waves in self.terms)])
 
     def at(self, values: Floats) -> Setting:
-        """This setting with other values."""
+        """This setting with other values, those of the bench as near as they can be."""
         rest = list(map(float, values))
         stand = {name: rest.pop(0) for name in (*GEOMETRY, BIAS)}
         lamp = self.lamp and Lamp(*(rest.pop(0) for _ in LAMP))
-        return Setting(**stand, terms=tuple(zip((term for term, _ in self.terms), rest, strict=True)), lamp=lamp)
+        bench = tuple((name, within(name, rest.pop(0))) for name, _ in self.bench)
+        return Setting(
+            **stand, terms=tuple(zip((term for term, _ in self.terms), rest, strict=True)), lamp=lamp, bench=bench
+        )
+
+    def beside(self, bench: Mapping[str, float]) -> Setting:
+        """This setting with some values of the bench, added or in place of those that it has."""
+        return replace(self, bench=tuple({**dict(self.bench), **bench}.items()))
+
+    @property
+    def told(self) -> Setting:
+        """This setting without what is 0 anyway."""
+        terms = tuple(pair for pair in self.terms if pair[1])
+        return replace(self, terms=terms, bench=tuple(pair for pair in self.bench if pair[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,7 +410,6 @@ class DieImage:
     Attributes:
         way_round: element of D4 that takes it to how it stands.
         light: what each colour of pixels sees of a point light.
-        light_um: standard deviation along each axis of a light that is a Gaussian on the sensor, 0 of a point.
     """
 
     panel: Panel
@@ -377,14 +417,15 @@ class DieImage:
     camera: Camera
     light: Mapping[str, Spectrum]
     pixels: tuple[Pixels, ...]
-    _field: DieField
-    _step: float
+    _frequencies: Floats
+    _half_um: float
     _few: Mapping[str, Spectrum]
-    light_um: float = 0.0
-    _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
+    _dies: dict[tuple[float, ...], DieField] = field(default_factory=dict, repr=False)
+    _lens: dict[tuple[object, ...], list[LensField]] = field(default_factory=dict, repr=False)
     _amplitude: dict[tuple[object, ...], list[Complexes]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
-    _sloping: dict[tuple[float, Setting], dict[str, list[Floats]]] = field(default_factory=dict, repr=False)
+    _along: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False)
+    _sloping: dict[Setting, dict[str, list[Floats]]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -401,22 +442,33 @@ class DieImage:
         Args:
             off_um: how far from their origin along an axis another lamp may lie.
         """
-        openings = panel_aperture(panel, camera.stop.diameter_um / 2)
-        x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
-        held = Aperture(x, y, orient(openings.transmission, way_round), orient(openings.variance, way_round))
         step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
         shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
         half = off_um + _SPARE_PX * camera.pixel_um
         half += max(abs(axis).max() for pixel in pixels for axis in (pixel.x_um, pixel.y_um))
         count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
-        die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
         few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
-        return cls(panel, way_round, camera, dict(light), tuple(pixels), die, step, few)
+        frequencies = step * np.arange(count + 1, dtype=np.float64)
+        return cls(panel, way_round, camera, dict(light), tuple(pixels), frequencies, half, few)
 
     @property
     def transmission(self) -> float:
         """Share of the stop's light that passes the die as drawn."""
-        return self._field.energy_um2 / self.camera.stop.area_um2
+        return self._die(Setting()).energy_um2 / self.camera.stop.area_um2
+
+    @property
+    def _step(self) -> float:
+        return float(self._frequencies[1])
+
+    def _die(self, setting: Setting) -> DieField:
+        bench = dict(setting.bench)
+        key = tuple(bench.get(name, 0.0) for name in OF_PUPIL)
+
+        def made() -> DieField:
+            before = opened(self.panel, self.way_round, self.camera.stop, bench, _RIM_DEGREE + 1)
+            return DieField.of(before.pupil, self.camera.stop, self._frequencies, before.clear)
+
+        return _kept(self._dies, key, made)
 
     def on(self, pixels: Sequence[Pixels]) -> DieImage:
         """The image of the same die on other pixels."""
@@ -431,11 +483,12 @@ class DieImage:
 
         What was asked last is kept for who asks for more terms at the same setting.
         """
-        key = self.light_um, replace(setting, terms=tuple(term for term in setting.terms if term[1]))
+        key = setting.told
         if key not in self._sloping:
             self._sloping.clear()
             self._sloping[key] = self._stand_slopes(setting)
         known = self._sloping[key]
+        known.update((name, self._by_bench(setting, name)) for name, _ in setting.bench if name not in known)
         asked = [term for term, _ in setting.terms if f"z{term}" not in known]
         if asked:
             waves, behind = [self._waves(float(line)) for line in self._nodes(setting)], self._behind(setting)
@@ -444,9 +497,19 @@ class DieImage:
             known.update(zip(named, self._taken(setting, by_terms, self._few), strict=True))
         return [known[name] for name in setting.names]
 
+    def _by_bench(self, setting: Setting, name: str) -> list[Floats]:
+        value, step = dict(setting.bench).get(name, 0.0), STEPS[name]
+        places = [within(name, value + sign * step) for sign in (1, -1)]
+        ahead, behind = (
+            self._taken(there, [self._intensities(there)], self._few)[0]
+            for there in (setting.beside({name: place}) for place in places)
+        )
+        return [(a - b) / (places[0] - places[1]) for a, b in zip(ahead, behind, strict=True)]
+
     def _stand_slopes(self, setting: Setting) -> dict[str, list[Floats]]:
         """Changes with place, turn, scale, bias, and with another lamp."""
-        here, flat = self._intensities(setting), [self._intensity(field) for field in self._fields(setting)]
+        energy = self._die(setting).energy_um2
+        here, flat = self._intensities(setting), [_intensity(field, energy) for field in self._fields(setting)]
         left, right = ([turned(picture, setting.turn_rad + sign * _TURN) for picture in flat] for sign in (1, -1))
         by_turn = [(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]
         by_bias = self._changed(setting, [node.by_bias(setting.bias_um) for node in self._behind(setting)])
@@ -470,10 +533,17 @@ class DieImage:
         ends = 1 / np.array([every.max(), every.min()])
         if ends[1] - ends[0] < 1e-9 * ends[0]:
             return every[:1]
+        if np.unique(every).size <= _NODES_BETWEEN:
+            return np.unique(every)
         return 1 / np.array([ends[0], ends.mean(), ends[1]])
 
     def _nodes(self, setting: Setting) -> Floats:
-        return self._three if setting.terms else self._three[:1]
+        return self._three if setting.terms or any(self._focus(setting)) else self._three[:1]
+
+    def _focus(self, setting: Setting) -> tuple[float, float]:
+        """Waves of defocus at the camera's first line for each nanometre from it, and for each square of it."""
+        bench = dict(setting.bench)
+        return (bench.get(AXIAL, 0.0) * PER_NM, bench.get(AXIAL_BEND, 0.0) * PER_NM**2)
 
     def _waves(self, wavelength_nm: float) -> float:
         """Waves at a line for each at the camera's first."""
@@ -481,33 +551,34 @@ class DieImage:
 
     def _behind(self, setting: Setting) -> list[LensField]:
         # A picture of another bias, or of a term that is still 0, is seen through the same lens.
-        nodes = self._nodes(setting)
-        key = nodes.size, tuple(term for term in setting.terms if term[1])
-        if key not in self._lens:
-            self._lens.clear()
-            self._lens[key] = [
-                self._field.behind([(term, value * self._waves(float(line))) for term, value in key[1]])
-                for line in nodes
-            ]
-        return self._lens[key]
+        nodes, die, focus = self._nodes(setting), self._die(setting), self._focus(setting)
+        terms = setting.told.terms
+        return _kept(
+            self._lens,
+            (nodes.size, die, terms, focus),
+            lambda: [die.behind(self._seen_at(float(line), dict(terms), focus)) for line in nodes],
+        )
+
+    def _seen_at(self, line_nm: float, terms: dict[int, float], focus: tuple[float, float]) -> list[tuple[int, float]]:
+        off = line_nm - self.camera.wavelengths_nm[0]
+        shifted = focus[0] * off + focus[1] * off**2
+        if shifted:
+            terms = {**terms, DEFOCUS: terms.get(DEFOCUS, 0.0) + shifted}
+        return [(term, value * self._waves(line_nm)) for term, value in terms.items()]
 
     def _fields(self, setting: Setting) -> list[Complexes]:
-        key = setting.bias_um, setting.terms
-        if key not in self._amplitude:
-            self._amplitude.clear()
-            self._amplitude[key] = [node.field(setting.bias_um) for node in self._behind(setting)]
-        return self._amplitude[key]
+        behind = self._behind(setting)
+        key = setting.bias_um, tuple(behind)
+        return _kept(self._amplitude, key, lambda: [node.field(setting.bias_um) for node in behind])
 
     def _intensities(self, setting: Setting) -> list[Floats]:
         # A picture that is only moved or stretched is of the same light.
-        key = setting.turn_rad, setting.bias_um, setting.terms
-        if key not in self._last:
-            self._last.clear()
-            self._last[key] = [turned(self._intensity(field), setting.turn_rad) for field in self._fields(setting)]
-        return self._last[key]
-
-    def _intensity(self, field: Complexes) -> Floats:
-        return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
+        key, energy = (setting.turn_rad, setting.bias_um, tuple(self._behind(setting))), self._die(setting).energy_um2
+        return _kept(
+            self._last,
+            key,
+            lambda: [turned(_intensity(field, energy), setting.turn_rad) for field in self._fields(setting)],
+        )
 
     def _changed(
         self, setting: Setting, by: Sequence[Complexes], factors: Sequence[float] | None = None
@@ -515,7 +586,7 @@ class DieImage:
         """Change of the intensity at each node with that of the field, times a factor of the node."""
         factors = factors or [1.0] * len(by)
         flat = (
-            2 * factor / self._field.energy_um2 * (here.real * change.real + here.imag * change.imag)
+            2 * factor / self._die(setting).energy_um2 * (here.real * change.real + here.imag * change.imag)
             for here, change, factor in zip(self._fields(setting), by, factors, strict=True)
         )
         return [turned(picture, setting.turn_rad) for picture in flat]
@@ -535,15 +606,22 @@ class DieImage:
         lights = [(0.0, 0.0, 1.0), *([(lamp.x_um, lamp.y_um, lamp.share)] if lamp else ())]
         taken = [[np.zeros((pixel.y_um.size, pixel.x_um.size)) for pixel in self.pixels] for _ in given]
         samples = given[0][0].shape[0]
-        for colour, lines in light.items():
+        bench, first = dict(setting.bench), self.camera.wavelengths_nm[0]
+        transfer = light_transfer(bench)
+        for colour, stated in light.items():
             mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]
+            apart = _apart_nm(stated, self.camera, self._half_um) / _SPECKLES_APART
+            lines = in_band(stated, bench, apart)
             for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
                 at_line = [_between(nodes, intensities, float(line)) for intensities in given]
                 stretch = (1 + setting.scale) / (line * UM_PER_NM * self.camera.focal_um)
                 width = self.camera.pixel_um * stretch / self._step
+                if transfer is not None:
+                    at_line = [smoothed(intensity, stretch / self._step, transfer) for intensity in at_line]
+                off_x, off_y = (bench.get(name, 0.0) * PER_NM * (line - first) for name in LATERAL)
                 for k, (right_um, up_um, share) in product(mine, lights):
-                    x_um = self.pixels[k].x_um - setting.x_um - right_um
-                    y_um = self.pixels[k].y_um - setting.y_um - up_um
+                    x_um = self.pixels[k].x_um - setting.x_um - right_um - off_x
+                    y_um = self.pixels[k].y_um - setting.y_um - up_um - off_y
                     across, up = (self._means(samples, um, stretch / self._step, width) for um in (x_um, y_um))
                     factor = share * weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(taken, at_line, strict=True):
@@ -551,22 +629,35 @@ class DieImage:
         return taken
 
     def _means(self, samples: int, centres_um: Floats, stretch: float, width: float) -> Floats:
-        """Matrix of means over pixels, of light from all over the source; ``stretch`` in samples a micrometre."""
-        offsets, weights = gaussian_nodes(self.light_um * stretch)
-        parts = (
-            weight * pixel_means(samples, centres_um * stretch + offset, width)
-            for offset, weight in zip(offsets, weights, strict=True)
-        )
-        return np.asarray(sum(parts))
+        """Matrix of means over pixels; of a picture that is moved along one axis the other axis has the same."""
+        key = samples, float(centres_um[0]), float(centres_um[-1]), centres_um.size, stretch
+        return _kept(self._along, key, lambda: pixel_means(samples, centres_um * stretch, width), _KEPT_MEANS)
+
+
+def _intensity(field: Complexes, energy_um2: float) -> Floats:
+    return np.asarray((field.real**2 + field.imag**2) / energy_um2)
+
+
+def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V], most: int = _KEPT) -> _V:
+    """What is kept under a key, made where it is not; of others the ones that were asked for last."""
+    value = kept.pop(key) if key in kept else made()
+    while len(kept) >= most:
+        kept.pop(next(iter(kept)))
+    kept[key] = value
+    return value
+
+
+def _apart_nm(lines: Spectrum, camera: Camera, reach_um: float) -> float:
+    shortest = float(lines.wavelengths_nm.min())
+    apart_nm = _SPECKLES_APART * shortest**2 * UM_PER_NM * camera.focal_um
+    return apart_nm / (camera.stop.diameter_um * reach_um)
 
 
 def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
     """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach."""
     order = np.argsort(lines.wavelengths_nm)
     wavelengths, weights = lines.wavelengths_nm[order], lines.weights[order]
-    apart_nm = _SPECKLES_APART * float(wavelengths.min()) ** 2 * UM_PER_NM * camera.focal_um
-    apart_nm /= camera.stop.diameter_um * reach_um
-    group = np.floor((wavelengths - wavelengths[0]) / apart_nm).astype(np.intp)
+    group = np.floor((wavelengths - wavelengths[0]) / _apart_nm(lines, camera, reach_um)).astype(np.intp)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     total = np.add.reduceat(weights, starts)
     lit = total > 0

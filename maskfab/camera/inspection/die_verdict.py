@@ -13,6 +13,7 @@ from enum import StrEnum
 
 from maskfab.base.units import decimals_of
 from maskfab.camera.blur import STANDS, stand_words
+from maskfab.camera.inspection.bench_words import bench_sentences
 from maskfab.camera.inspection.causes import Explanation
 from maskfab.camera.inspection.costs import ALL, TERM_NAMES, Cost, disagreement
 from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, deciding_frame
@@ -120,8 +121,6 @@ _NEXT = {
     Cause.DEAD: "Give frames of even light (--flat).",
     Cause.SHADING: "Give frames of even light through the lens without the plate (--flat).",
     Cause.GLARE: "Clean the lens, shade it, blacken what stands about the plate, and take the stack again.",
-    Cause.LAMP_SIZE: "Use a smaller pinhole, or one farther away.",
-    Cause.BANDWIDTH: "State the light's spectrum ([scene] of the job), or take the stack through a narrow filter.",
     Cause.INTERVAL: "Add longer and shorter exposures: four times the light halves the interval.",
     Cause.UNKNOWN: "Look at the difference picture, check camera and light of the job, and take the stack again.",
 }
@@ -143,8 +142,6 @@ _LOOKS = {
     Cause.DEAD: "dead pixels",
     Cause.SHADING: "a lens that shades the window",
     Cause.GLARE: "glare about the light",
-    Cause.LAMP_SIZE: "a light that is no point",
-    Cause.BANDWIDTH: "a light of a wider band than is stated",
     Cause.UNKNOWN: "nothing that was looked for: another lamp, dust, drift, full pixels, another die of the job",
 }
 
@@ -216,8 +213,6 @@ _STRENGTHS = {
     Cause.COLUMNS: ("{:.{d}f} ± {:.{d}f} electrons (standard deviation)", 1.0),
     Cause.SHADING: ("{:.{d}f} ± {:.{d}f} % at its edge", 100.0),
     Cause.GLARE: ("{:.{d}f} ± {:.{d}f} % of it", 100.0),
-    Cause.LAMP_SIZE: ("{:.{d}f} ± {:.{d}f} um wide on the sensor (full width at half maximum)", 1.0),
-    Cause.BANDWIDTH: ("{:.{d}f} ± {:.{d}f} nm (full width at half maximum)", 1.0),
 }
 """Strengths in words, with their errors of 95 %, and what they are multiplied by for that."""
 
@@ -276,12 +271,7 @@ def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drif
         sentences.append(
             f"Light of exposures differs from what their times say by up to {drift:.1%}; the fit allows for it."
         )
-    if told.width is not None:
-        sentences.append(
-            f"The light is no point: on the sensor it is {told.width[0]:.2f} ± {NORMAL_95 * told.width[1]:.2f} um wide "
-            "(full width at half maximum of a Gaussian), or the pixels spread what they take. The fit allows for it; a "
-            "smaller pinhole, or one farther away, tells more."
-        )
+    sentences += bench_sentences(told)
     sentences.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
         "symmetric, and out of focus that of the other side."

@@ -271,37 +271,29 @@ def _drop_insignificant(image: DieImage, taken: Sequence[Taken], fit: Fit, progr
     return fewer if fewer.chi2 - fit.chi2 < price * dropped else fit
 
 
-def gain_of_terms(image: DieImage, taken: Sequence[Taken], fit: Fit) -> float:
-    """The most that chi² would fall if all of the lens's errors were fitted that a fit lacks."""
-    now, asked = _with_all(image, taken, fit)
-    fitted_values = range(fit.setting.values.size)
-    return now.gain(range(len(fitted_values) + len(asked))) - now.gain(fitted_values)
+LIKELY = 5.0
+"""Standard deviations by which a measure of noise may be off by chance."""
+NOISE_KNOWN = 0.03
 
 
-def _with_all(image: DieImage, taken: Sequence[Taken], fit: Fit) -> tuple[NormalEquations, list[int]]:
-    """The equations of a step of a fit together with the terms that it lacks, and those."""
-    at, asked = _all_terms(fit.setting)
-    return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
+def most_noise(fit: Fit) -> float:
+    """The most that chi² per pixel is where noise alone is left; noise is known no better than gain is."""
+    return 1 + NOISE_KNOWN + LIKELY * math.sqrt(2 / fit.freedom)
 
 
-def with_all_terms(image: DieImage, fit: Fit) -> tuple[list[list[Floats]], list[Floats]]:
-    """Slopes of a fit with all of the lens's errors, [values][grids of pixels], and its pictures."""
-    at, _ = _all_terms(fit.setting)
-    return image.slopes(at), image.pictures(at)
-
-
-def _all_terms(setting: Setting) -> tuple[Setting, list[int]]:
-    """A setting with those terms too that it lacks, each 0, and which these are."""
-    present = {term for term, _ in setting.terms}
-    asked = [term for term in _MORE_TERMS if term not in present]
-    return replace(setting, terms=(*setting.terms, *((term, 0.0) for term in asked))), asked
+def with_lacking_terms(at: Setting) -> Setting:
+    """A setting with all of the lens's errors, 0 where it says nothing of them."""
+    present = {term for term, _ in at.terms}
+    return replace(at, terms=(*at.terms, *((term, 0.0) for term in _MORE_TERMS if term not in present)))
 
 
 def _demanded(image: DieImage, taken: Sequence[Taken], fit: Fit) -> list[int]:
     """Terms that a fit lacks, the one that brings most first."""
-    now, asked = _with_all(image, taken, fit)
+    at = with_lacking_terms(fit.setting)
+    now = normal_equations(taken, image.pictures(at), image.slopes(at))
     old = fit.setting.values.size
-    held, left = list(range(old)), list(range(old, old + len(asked)))
+    asked = [term for term, _ in at.terms[len(fit.setting.terms) :]]
+    held, left = list(range(old)), list(range(old, at.values.size))
     noise = max(1.0, (fit.chi2 - now.gain([*held, *left])) / fit.freedom)
     chosen: list[int] = []
     while left:

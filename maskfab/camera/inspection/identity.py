@@ -3,9 +3,7 @@
 In focus a die and the same die turned by 180 degrees make one picture, for the transmission of a mask is real; out of
 focus one makes the other's picture on the other side of the focus. So of eight ways round four are told apart.
 
-A light that is no point makes the picture of a point, smoothed. Errors of the lens widen a picture, too; left out, a
-wide light comes out as many errors that the lens does not have, and as a CD bias. So a width is taken in before further
-terms if it explains more than all of those together, and after them if residuals ask for it still.
+A die that lies off the axis is looked for with its place before it is fitted.
 """
 
 from __future__ import annotations
@@ -16,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Panel
 from maskfab.base.work import Progress, silent
+from maskfab.camera.inspection.bench_search import place_found
 from maskfab.camera.inspection.die_image import DieImage, Setting, gathered
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -28,10 +26,7 @@ from maskfab.camera.inspection.fit import (
     Taken,
     colours_of,
     fitted,
-    gain_of_terms,
     judged,
-    normal_equations,
-    with_terms,
 )
 from maskfab.job.camera import Camera
 from maskfab.optics.spectrum import Spectrum
@@ -44,6 +39,7 @@ _FITTED = 3
 """Hypotheses that are fitted whole, the most likely first."""
 _HOPELESS = 400.0
 """Difference of chi² in the middle, over the noise there, from which a hypothesis is not fitted whole."""
+_NOWHERE = Setting()
 CERTAIN = 25.0
 """Difference of chi², each over the noise that the best fit leaves, from which a die is told from another: odds of a
 quarter of a million."""
@@ -120,9 +116,15 @@ def identified(
     placed.sort(key=lambda case: case[0])
     noise = max(1.0, noise)
     whole: list[tuple[Hypothesis, Fit]] = []
-    for first, (_, each, setting) in enumerate(placed[:_FITTED]):
-        if first and placed[first][0] - placed[0][0] > _HOPELESS * noise:
+    for first, (middling, each, stood) in enumerate(placed[:_FITTED]):
+        if first and middling - placed[0][0] > _HOPELESS * noise:
             break
+        there = DieImage.of(panels[each.die], each.way_round, camera, few, [capture.pixels for capture in middle])
+        setting = place_found(there, middle, stood)
+        if setting.bench:
+            setting, chi2, freedom = _placed(there, middle, setting)
+            placed[first] = chi2, each, setting
+            noise = max(1.0, min(noise, chi2 / freedom))
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
         start = replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS))
         whole.append((each, fitted(image, taken, start, progress)))
@@ -136,9 +138,8 @@ def identified(
     return Identified(best, fit, tuple(sorted(ahead, key=lambda pair: pair[1])))
 
 
-def _placed(image: DieImage, taken: Sequence[Taken]) -> tuple[Setting, float, int]:
+def _placed(image: DieImage, taken: Sequence[Taken], setting: Setting = _NOWHERE) -> tuple[Setting, float, int]:
     """The place of the light that fits best, to a tenth of a pixel, and chi² there."""
-    setting = Setting()
     for _ in range(2):
         pictures = image.pictures(setting)
         across, up = _shift(taken, pictures)
@@ -172,92 +173,3 @@ def _summit(values: Floats) -> float:
         return 0.0
     bend = values[0] - 2 * values[1] + values[2]
     return 0.0 if bend >= 0 else float((values[0] - values[2]) / (2 * bend))
-
-
-FWHM = math.sqrt(8 * math.log(2))
-"""Of a Gaussian, in standard deviations."""
-_LEAST_PX = 0.5
-"""Least full width that is told: the charge of a pixel spreads as far."""
-_DEMANDED = 25.0
-"""Fall of chi², over the noise that is left, from which a light is wider than a point."""
-_EXPLAINED = 0.25
-"""Share of what is left over that a width must explain: of a model that is wrong otherwise it explains little."""
-_APART_PX = 0.25
-_TURNS, _ROUNDS, _SETTLED = 3, 4, 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """Where residuals would take the square of a light's width, um²."""
-
-    change: float
-    error: float
-    gain: float
-    noise: float
-    left_over: float
-    covariance: NDArray[np.float64]
-
-    @property
-    def demanded(self) -> bool:
-        """Whether it widens the light, and not by chance."""
-        return self.change > 0 and self.gain > max(_DEMANDED * self.noise, _EXPLAINED * self.left_over)
-
-    @property
-    def settled(self) -> bool:
-        """Whether it is small against its error."""
-        return abs(self.change) < _SETTLED * self.error
-
-
-def with_width_and_terms(
-    image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent
-) -> tuple[DieImage, Fit, tuple[float, float] | None]:
-    """The image in light as wide as residuals ask for, the fit of it with further terms, and that width.
-
-    Returns:
-        The width is the full one at half maximum, as the light's picture without a plate would have it on the sensor,
-        with its standard error inflated as the fit's, um; None of a point as far as residuals tell, and below half a
-        pixel.
-    """
-    step = _step(image, taken, fit)
-    if step.demanded and step.gain > gain_of_terms(image, taken, fit):
-        image, fit, step = _widened(image, taken, fit, step, progress)
-    fit = with_terms(image, taken, fit, progress)
-    step = _step(image, taken, fit)
-    for _ in range(_TURNS):
-        if not (step.demanded or (image.light_um and not step.settled)):
-            break
-        image, fit, _ = _widened(image, taken, fit, step, progress)
-        fit = with_terms(image, taken, fit, progress)
-        step = _step(image, taken, fit)
-    if not image.light_um:
-        return image, fit, None
-    fit, width = replace(fit, covariance=step.covariance), FWHM * image.light_um
-    if width < _LEAST_PX * image.camera.pixel_um:
-        return image, fit, None
-    return image, fit, (width, FWHM * step.error / (2 * image.light_um))
-
-
-def _widened(
-    image: DieImage, taken: Sequence[Taken], fit: Fit, step: _Step, progress: Progress
-) -> tuple[DieImage, Fit, _Step]:
-    for _ in range(_ROUNDS):
-        image = replace(image, light_um=math.sqrt(max(0.0, image.light_um**2 + step.change)))
-        fit = fitted(image, taken, fit.setting, progress)
-        step = _step(image, taken, fit)
-        if step.settled:
-            break
-    return image, fit, step
-
-
-def _step(image: DieImage, taken: Sequence[Taken], fit: Fit) -> _Step:
-    pictures, slopes = image.pictures(fit.setting), image.slopes(fit.setting)
-    apart = (_APART_PX * image.camera.pixel_um) ** 2
-    farther = replace(image, light_um=math.sqrt(image.light_um**2 + apart)).pictures(fit.setting)
-    by_square = [(a - b) / apart for a, b in zip(farther, pictures, strict=True)]
-    now = normal_equations(taken, pictures, [*slopes, by_square])
-    fitted_values = range(len(slopes))
-    change = float((now.covariance @ now.gradient)[-1])
-    error = fit.inflation * math.sqrt(float(now.covariance[-1, -1]))
-    gain = now.gain(range(len(slopes) + 1)) - now.gain(fitted_values)
-    noise, left_over = max(1.0, fit.chi2 / fit.freedom), fit.chi2 - fit.freedom
-    return _Step(change, error, gain, noise, left_over, now.covariance[:-1, :-1])

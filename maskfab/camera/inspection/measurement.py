@@ -22,6 +22,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS
 from maskfab.camera.frames.merge import Merged, check_centre
+from maskfab.camera.inspection.bench_words import bench_quantities
 from maskfab.camera.inspection.causes import Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
 from maskfab.camera.inspection.diagnosis import Cause
@@ -367,11 +368,7 @@ def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, 
             ("captured_lamp_y", lamp.y_um, "lamp_y_um"),
         ):
             yield Quantity(name, value, _method(fit, key), NORMAL_95 * fit.errors[key], die=die)
-    if told.width is not None:
-        method = (
-            "Gauss-Newton steps of a Gaussian's variance beside all that the fit holds; 95 % by Fisher's information"
-        )
-        yield Quantity("captured_light_width", told.width[0], method, NORMAL_95 * told.width[1], die=die)
+    yield from bench_quantities(told, die)
     how = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
     for colour, share in outside.items():
         yield Quantity("captured_outside", share, how, die=die, detail="all" if colour == "-" else colour)

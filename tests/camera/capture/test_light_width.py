@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from camera.capture.captured_dies import GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
-from hypothesis import given
-from hypothesis import strategies as st
 from optics_cases import camera, noise, panel
 from scipy import ndimage
 
 from maskfab.camera.frames.merge import merged
-from maskfab.camera.inspection.die_image import OVERSAMPLING, DieImage, Setting, gaussian_nodes
+from maskfab.camera.inspection.bench import FULL, LIGHT_BELL, LIGHT_DISC, light_transfer
+from maskfab.camera.inspection.bench_search import with_bench_and_terms
+from maskfab.camera.inspection.die_image import DieImage, Setting, smoothed
 from maskfab.camera.inspection.fit import brightest, expecting, fitted, taken_of
-from maskfab.camera.inspection.identity import FWHM, with_width_and_terms
 from maskfab.camera.inspection.measurement import measured
 from maskfab.optics.spectrum import line_spectrum
 
@@ -39,15 +38,15 @@ def fit_of(picture, times=STACK, seed=1):
     image = DieImage.of(DIE, 0, CAMERA, LIGHT, [each.pixels for each in taken])
     found = fitted(image, taken, Setting(terms=((4, 0.0),)))
     taken = expecting(image, taken, found.setting)
-    _, fit, width = with_width_and_terms(image, taken, fitted(image, taken, found.setting))
-    return fit, width
+    return with_bench_and_terms(image, taken, fitted(image, taken, found.setting))
 
 
 @pytest.mark.slow
 def test_the_width_of_a_blurred_picture_is_found_beside_all_else():
     sigma_um, terms = 3.0, {"z4": 0.05, "z7": 0.04}
-    fit, (width_um, error_um) = fit_of(phased_picture(DIE, CAMERA, ((4, 0.05), (7, 0.04)), sigma_um))
-    assert abs(width_um - FWHM * sigma_um) < 3.5 * error_um < 0.05 * width_um
+    fit = fit_of(phased_picture(DIE, CAMERA, ((4, 0.05), (7, 0.04)), sigma_um))
+    square, error = dict(fit.setting.bench)[LIGHT_BELL], fit.errors[LIGHT_BELL]
+    assert abs(square - sigma_um**2) < 3.5 * error < 0.1 * square
     assert fit.chi2 / fit.freedom < 1.1
     values = dict(zip(fit.setting.names, fit.setting.values, strict=True))
     assert len(fit.setting.terms) <= len(terms) + 1, "errors that the lens does not have"
@@ -60,15 +59,28 @@ def test_points_are_never_told_to_be_wide(picture):
     aberrated = phased_picture(DIE, CAMERA, ((7, 0.02), (12, 0.02), (14, -0.02)))
     untold = phased_picture(DIE, CAMERA, ((4, 0.05), (22, 0.03), (28, 0.03)))
     pictures = ((aberrated, STACK, 1), (untold, STACK, 1), (picture, (1.0,), 1), (picture, (1.0,), 2))
-    assert [fit_of(*each)[1] for each in pictures] == [None] * 4
+    assert not any({LIGHT_BELL, LIGHT_DISC} & {*dict(fit_of(*each).setting.bench)} for each in pictures)
 
 
-@given(st.floats(0.01, 8.0), st.floats(0.0, 0.5 / OVERSAMPLING))
-def test_a_light_smooths_waves_as_a_gaussian_does(sigma, wave):
-    places, weights = gaussian_nodes(sigma)
-    assert weights @ np.cos(2 * np.pi * wave * places) == pytest.approx(
-        np.exp(-2 * (np.pi * sigma * wave) ** 2), abs=2e-5
+@pytest.mark.parametrize("name", [LIGHT_BELL, LIGHT_DISC])
+def test_a_light_smooths_a_wave_by_its_transfer(name):
+    """Points of the light, one by one, against the transfer."""
+    width, per_um, wave = 6.0, 0.5, 0.11
+    places = np.linspace(-4, 4, 401) * width
+    x, y = np.meshgrid(places, places)
+    light = np.hypot(x, y) <= width / 2
+    if name == LIGHT_BELL:
+        light = np.exp(-4 * np.log(2) * (x**2 + y**2) / width**2)
+    share = (light * np.cos(2 * np.pi * wave * x)).sum() / light.sum()
+    rows = np.arange(600) / per_um
+    seen = smoothed(
+        np.broadcast_to(np.cos(2 * np.pi * wave * rows)[:, None], (600, 600)).copy(),
+        per_um,
+        light_transfer({name: (width / FULL[name]) ** 2}),
     )
+    middle = slice(200, 400), slice(200, 400)
+    expected = share * np.cos(2 * np.pi * wave * rows)[middle[0], None]
+    assert seen[middle] == pytest.approx(np.broadcast_to(expected, (200, 200)), abs=0.004)
 
 
 def test_a_wide_light_is_said_and_a_point_is_not(picture):

@@ -13,6 +13,7 @@ from once import once
 from optics_cases import camera, noise, panel
 
 import maskfab as mf
+from maskfab.base.errors import SourceError
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.diagnosis import Cause
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
@@ -142,8 +143,8 @@ def test_a_die_that_the_job_does_not_have_is_not_taken_for_another_lamp():
     cells = (mf.Opening.bar(dots=7, size=size, pitch="56 um") for size in ((5, 3), (3, 3)))
     right, wrong = (mf.Panel.tile(cell, "random", seed=1 + 8 * k, size="1.12 mm") for k, cell in enumerate(cells))
     seen = merged(Stack(picture(Dots.of(wrong), OPTICS)).frames(1), electrons_per_count=1.3, read_noise_e=4.87)
-    found = measured(seen, {"BAR": right}, CAMERA, LIGHT, priced=False)
-    assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.UNKNOWN)
+    with pytest.raises(SourceError, match="like none of the dies BAR"):
+        measured(seen, {"BAR": right}, CAMERA, LIGHT, priced=False)
 
 
 def test_rows_with_offsets_are_told_nothing_of(light):

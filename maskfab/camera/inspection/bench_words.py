@@ -1,0 +1,129 @@
+"""What was found of the bench, as numbers and as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from maskfab.base.model import Quantity, Tiling
+from maskfab.base.units import decimals_of
+from maskfab.camera.inspection.bench import (
+    AXIAL,
+    AXIAL_BEND,
+    BAND_FLAT,
+    BANDS,
+    CUT_BEND,
+    CUT_X,
+    CUT_Y,
+    DIE_X,
+    DIE_Y,
+    LATERAL_X,
+    LATERAL_Y,
+    LIGHT_DISC,
+    LIGHTS,
+    STOP,
+    edge_inside_um,
+)
+from maskfab.camera.inspection.causes import Explanation
+from maskfab.camera.scores import NORMAL_95
+
+_LEAST_PX = 0.5
+"""Least full width of a light that is told: the charge of a pixel spreads as far."""
+_NAMES = {
+    DIE_X: "captured_die_x",
+    DIE_Y: "captured_die_y",
+    CUT_X: "captured_vignetting_x",
+    CUT_Y: "captured_vignetting_y",
+    CUT_BEND: "captured_vignetting_bend",
+    AXIAL: "captured_axial_colour",
+    AXIAL_BEND: "captured_axial_bend",
+    LATERAL_X: "captured_lateral_x",
+    LATERAL_Y: "captured_lateral_y",
+}
+_HOW = "weighted least squares beside all that the fit holds; 95 % by Fisher's information"
+
+
+def bench_quantities(told: Explanation, die: str) -> Iterator[Quantity]:
+    """Values of the bench that residuals asked for."""
+    half = {name: NORMAL_95 * error for name, error in told.fit.errors.items()}
+    for name, value in told.fit.setting.bench:
+        if name in _NAMES:
+            yield Quantity(_NAMES[name], value, _HOW, half[name], die=die)
+        elif name == STOP:
+            diameter_um = told.image.camera.stop.diameter_um + value
+            yield Quantity("captured_stop_diameter", diameter_um, _HOW, half[name], die=die)
+    for number, width in (("captured_light_width", _light(told)), ("captured_bandwidth", told.width(*BANDS))):
+        if width is not None:
+            shape = "a disc" if width[0] == LIGHT_DISC else "a flat band" if width[0] == BAND_FLAT else "a bell"
+            method = f"steps of the variance of {shape} in {_HOW}"
+            yield Quantity(number, width[1], method, NORMAL_95 * width[2], die=die)
+
+
+def _light(told: Explanation) -> tuple[str, float, float] | None:
+    width = told.width(*LIGHTS)
+    return None if width is None or width[1] < _LEAST_PX * told.image.camera.pixel_um else width
+
+
+def bench_sentences(told: Explanation) -> Iterator[str]:
+    """A sentence on each fault of the bench that the fit allows for."""
+    bench, fit = dict(told.fit.setting.bench), told.fit
+    half = {name: NORMAL_95 * error for name, error in fit.errors.items()}
+    if DIE_X in bench:
+        right, up = (_number(bench[name], half[name]) for name in (DIE_X, DIE_Y))
+        panel = told.image.panel
+        period = (
+            f", or so and whole cells of {panel.cell_size.pitch_um:g} um" if panel.tiling is Tiling.PERIODIC else ""
+        )
+        yield (
+            f"The die's middle lies {right} um to the right of the middle of the stop and {up} um up, as the sensor "
+            f"sees it{period}; the fit allows for it."
+        )
+    beyond = edge_inside_um(told.image.panel, told.image.way_round, told.image.camera.stop, bench)
+    if beyond > 0:
+        yield (
+            f"The die's edge lies within the stop, by {beyond:.0f} um: beyond it the fit takes the plate for dark. Move "
+            "the die towards the axis, or use a smaller stop."
+        )
+    if STOP in bench:
+        diameter = told.image.camera.stop.diameter_um
+        yield (
+            f"The stop is {_number(diameter + bench[STOP], half[STOP], sign=False)} um wide where the job states "
+            f"{diameter:g} um; the fit allows for it."
+        )
+    depth = math.hypot(bench.get(CUT_X, 0.0), bench.get(CUT_Y, 0.0))
+    if depth:
+        yield (
+            f"Something cuts the light beside the stop, a barrel or a mount, by up to {depth:.0f} um "
+            f"({bench[CUT_X]:+.0f} um to the right, {bench[CUT_Y]:+.0f} um up); the fit allows for it."
+        )
+    yield from _light_sentences(told)
+    if AXIAL in bench:
+        yield (
+            f"Colours focus apart, by {_number(bench[AXIAL], half[AXIAL])} waves of defocus for each 100 nm; the fit "
+            "allows for it."
+        )
+    if LATERAL_X in bench:
+        right, up = (_number(bench[name], half[name]) for name in (LATERAL_X, LATERAL_Y))
+        yield f"Colours lie apart, by {right} um to the right and {up} um up for each 100 nm; the fit allows for it."
+
+
+def _light_sentences(told: Explanation) -> Iterator[str]:
+    light, band = _light(told), told.width(*BANDS)
+    if light is not None:
+        shape = "of a disc" if light[0] == LIGHT_DISC else "at half maximum of a Gaussian"
+        yield (
+            f"The light is no point: on the sensor it is {light[1]:.2f} ± {NORMAL_95 * light[2]:.2f} um wide (full "
+            f"width {shape}), or the pixels spread what they take. The fit allows for it; a smaller pinhole, or one "
+            "farther away, tells more."
+        )
+    if band is not None:
+        shape = "as a flat band" if band[0] == BAND_FLAT else "at half its height, as a Gaussian"
+        yield (
+            f"The light is no line: it is {band[1]:.1f} ± {NORMAL_95 * band[2]:.1f} nm wide {shape}; the fit allows "
+            "for it."
+        )
+
+
+def _number(value: float, error: float, *, sign: bool = True) -> str:
+    decimals = max(0, min(3, decimals_of(error))) if error else 3
+    return f"{value:{'+' if sign else ''}.{decimals}f} ± {error:.{decimals}f}"
