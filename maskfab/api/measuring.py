@@ -24,7 +24,7 @@ from maskfab.camera.blur import stand_named, stand_words
 from maskfab.camera.frames.frame import Colour, Frame, Source, read_frame, read_frames
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.frames.stack import Gain, light_place, photon_transfer, window_middle
-from maskfab.camera.inspection.die_verdict import Answer, Promise, Verdict
+from maskfab.camera.inspection.die_verdict import Answer, Promise, Verdict, strength
 from maskfab.camera.inspection.edge_mtf import (
     EdgeDesign,
     Light,
@@ -44,7 +44,6 @@ from maskfab.mask.houses.profiles import shop_of
 from maskfab.mask.job import Job
 from maskfab.optics.spectrum import Band
 from maskfab.report.pages.measured import (
-    IF_IT_HELD,
     capture_document,
     captured_drawing,
     edge_document,
@@ -102,9 +101,11 @@ class Measurement(FolderResult):
 
     def __str__(self) -> str:
         found = self.found
-        lines = [found.verdict.line, found.verdict.next_step, *found.sentences, str(self.numbers)]
+        likely = [f"{each.cause}, {strength(each)} ({each.gain / 2:.0f})" for each in found.suspects]
+        behind = [f"What may be behind it, by log-likelihood: {'; '.join(likely)}."] if likely else []
+        lines = [found.verdict.line, found.verdict.next_step, *behind, *found.sentences, str(self.numbers)]
         if found.if_sentences:
-            lines += [IF_IT_HELD, *found.if_sentences, str(Quantities(found.if_numbers))]
+            lines += [found.if_words, *found.if_sentences, str(Quantities(found.if_numbers))]
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
 

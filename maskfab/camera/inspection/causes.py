@@ -173,6 +173,7 @@ def _explained(
     whole, taken, left_out = tuple(taken), tuple(taken), LeftOut.none(taken)
     for turn in range(2):
         # What is left out is told anew: a fit that was off may have made it of what it did not know.
+        whole = expecting(image, whole, fit.setting)
         lone = _lone(whole, fit)
         taken, fit, found = _without(image, whole, taken, fit, replace(lone, dust=left_out.dust), left_out, progress)
         lit = False
@@ -181,6 +182,7 @@ def _explained(
         if not turn and not lit:
             # Before dust: what a light that is no point or a die off the axis leaves is dark in places, too.
             taken, fit = _with_bench(image, taken, fit, progress)
+        whole = expecting(image, whole, fit.setting)
         now = replace(lone, dust=_dark(lone.taken_from(whole), fit))
         taken, fit, shaded = _without(image, whole, taken, fit, now, replace(lone, dust=left_out.dust), progress)
         left_out = now

@@ -244,13 +244,18 @@ _WORTH_SAYING = 0.01
 """Drift that is told in words; less is seldom proven."""
 
 
-def seen_sentences(found: Identified, told: Explanation, *, mirrored: bool, drift: float) -> tuple[str, ...]:
-    """Sentences on what was found in the frames beside the die, whatever the verdict.
+def seen_sentences(
+    found: Identified, told: Explanation, *, mirrored: bool, drift: float, holds: bool
+) -> tuple[str, ...]:
+    """Sentences on what was found in the frames beside the die.
 
     Args:
         drift: of the exposure whose light differs most from what its time says.
+        holds: whether the frames are explained; else a lamp, dust or a light of some width may be none.
     """
     best, sentences = found.best, []
+    if not holds:
+        return (f"Of the dies it is likest {best.die}, {stands(best)}; what else the fit made of it is not told.",)
     if found.certain:
         over = ": turn the plate over" if mirrored else ""
         sentences.append(f"This is die {best.die}, {stands(best)}{over}.")

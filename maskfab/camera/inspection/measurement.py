@@ -25,7 +25,7 @@ from maskfab.camera.frames.merge import Merged, check_centre
 from maskfab.camera.inspection.bench_words import bench_quantities
 from maskfab.camera.inspection.causes import Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
-from maskfab.camera.inspection.diagnosis import Cause
+from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect
 from maskfab.camera.inspection.die_image import BIAS, LAMP, DieImage, Pixels, Setting
 from maskfab.camera.inspection.die_verdict import (
     SURE,
@@ -72,7 +72,9 @@ class Measured:
         taken: their pixels about the light, with the noise that the fit expects.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         costs: of what is not as drawn; none where nothing can be told.
-        if_numbers: numbers of the die and the lens that stand only if the model holds, where nothing can be told.
+        if_numbers: numbers of the die and the lens where no verdict is; told beside a fault that was fitted, or of the
+            likeliest die, or too wide to decide; none where the frames are not explained.
+        holds: whether the frames are explained, with the fault that the verdict names if there is one.
         mirrored: whether the plate stands the other way round than the job says.
     """
 
@@ -89,12 +91,26 @@ class Measured:
     sentences: tuple[str, ...]
     if_numbers: tuple[Quantity, ...]
     if_sentences: tuple[str, ...]
+    holds: bool
     mirrored: bool
 
     @property
     def drifts(self) -> tuple[float, ...]:
         """Light of each exposure over what its time says, in that of the longest."""
         return _drifts(self.merged, self.taken)
+
+    @property
+    def suspects(self) -> tuple[Suspect, ...]:
+        """Faults that are more than chance, the likeliest first, where nothing can be told of the die."""
+        every = self.explained.suspects if self.verdict.answer is Answer.CANNOT_TELL else ()
+        return tuple(each for each in every if each.gain >= NAMED)
+
+    @property
+    def if_words(self) -> str:
+        """Sentence that heads the numbers of a die of which nothing is decided."""
+        if self.explained.mended:
+            return f"With {self.verdict.cause} fitted beside all else, though one value may not be all of it:"
+        return "Told of the likeliest die, but not decided:"
 
 
 def measured(
@@ -130,11 +146,14 @@ def measured(
     verdict = judged_die(identity, told, promise, cause=cause, mirrored=mirrored, width_um=width_um)
     findings = verdict.answer is not Answer.CANNOT_TELL
     prices = _prices(told, 4 if seen_mirrored else 0, sensor) if findings and priced else []
-    of_die = (*_quantities(best, fit, promise, width_um, decided=findings), *_priced(best, prices))
-    seen_numbers = tuple(_seen_quantities(best, told, _outside(merged, told.image, fit.setting)))
+    # Of frames that are not explained no number is told: nothing says how far it may be off.
+    holds = cause is None or (told.mended and cause is told.cause)
+    of_die = (*_quantities(best, fit, promise, width_um, decided=findings), *_priced(best, prices)) if holds else ()
+    outside = _outside(merged, told.image, fit.setting) if holds else {}
+    seen_numbers = tuple(_seen_quantities(best, told, outside, holds=holds))
     apart = max(abs(drift - 1) for drift in _drifts(merged, told.taken))
-    sentences = seen_sentences(identity, told, mirrored=mirrored, drift=apart)
-    of_fit = finding_sentences(told, prices, promise, camera.wavelengths_nm[0])
+    sentences = seen_sentences(identity, told, mirrored=mirrored, drift=apart, holds=holds)
+    of_fit = finding_sentences(told, prices, promise, camera.wavelengths_nm[0]) if holds else ()
     return Measured(
         merged=merged,
         taken=told.taken,
@@ -149,6 +168,7 @@ def measured(
         sentences=(*of_fit, *sentences) if findings else sentences,
         if_numbers=() if findings else of_die,
         if_sentences=() if findings else of_fit,
+        holds=holds,
         mirrored=mirrored,
     )
 
@@ -358,9 +378,11 @@ def _quantities(best: Hypothesis, fit: Fit, promise: Promise, width_um: float, *
         yield Quantity("captured_term", waves, method[name], half[name], die=die, detail=detail)
 
 
-def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, float]) -> Iterator[Quantity]:
+def _seen_quantities(
+    best: Hypothesis, told: Explanation, outside: Mapping[str, float], *, holds: bool
+) -> Iterator[Quantity]:
     fit, die = told.fit, best.die
-    lamp = fit.setting.lamp
+    lamp = fit.setting.lamp if holds else None
     if lamp is not None:
         for name, value, key in (
             ("captured_lamp", lamp.share, "lamp_share"),
@@ -368,7 +390,8 @@ def _seen_quantities(best: Hypothesis, told: Explanation, outside: Mapping[str, 
             ("captured_lamp_y", lamp.y_um, "lamp_y_um"),
         ):
             yield Quantity(name, value, _method(fit, key), NORMAL_95 * fit.errors[key], die=die)
-    yield from bench_quantities(told, die)
+    if holds:
+        yield from bench_quantities(told, die)
     how = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
     for colour, share in outside.items():
         yield Quantity("captured_outside", share, how, die=die, detail="all" if colour == "-" else colour)

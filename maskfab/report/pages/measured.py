@@ -26,7 +26,6 @@ from maskfab.base.quantities import Entry, registered
 from maskfab.camera.frames.frame import PIXELS_OF
 from maskfab.camera.frames.merge import write_merged
 from maskfab.camera.inspection.costs import COST_METHOD, disagreement
-from maskfab.camera.inspection.diagnosis import NAMED, Suspect
 from maskfab.camera.inspection.die_verdict import Answer, stands, strength
 from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, MeasuredEdges, MtfCurve, edge_verdict
 from maskfab.camera.inspection.fit import MtfBand
@@ -41,8 +40,6 @@ from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import Quantities, quantity_document, short
 
 SCHEMA_VERSION, CAPTURE_SCHEMA_VERSION = 1, 2
-IF_IT_HELD = "If the model held, which it does not by as much as stated above:"
-"""Heads what a fit says where nothing can be told."""
 PAGE = "measure.html"
 _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.22, 0.7
 _DECADES = 5
@@ -92,27 +89,25 @@ def captured_drawing(measured: Measured) -> Drawing:
 
 
 def _found(measured: Measured) -> list[str]:
-    there = {
-        "a second lamp": _lamp_um(measured),
-        "pixels that were left out": any(mask.any() for mask in measured.explained.left_out.together),
-    }
+    left_out = measured.holds and any(measured.explained.left_out.counts.values())
+    there = {"a second lamp": _lamp_um(measured), "pixels that were left out": left_out}
     return [name for name, found in there.items() if found]
 
 
 def _lamp_um(measured: Measured) -> tuple[float, float] | None:
     setting = measured.fit.setting
-    lamp = setting.lamp
+    lamp = setting.lamp if measured.holds else None
     return None if lamp is None else (setting.x_um + lamp.x_um, setting.y_um + lamp.y_um)
 
 
 def _draw_found(axes: Axes, measured: Measured, k: int) -> None:
-    """A ring about a second lamp, and a line about dust."""
-    lamp, dust, pixels = _lamp_um(measured), measured.explained.left_out.together[k], measured.taken[k].pixels
+    """A ring about a second lamp, and a line about pixels that were left out."""
+    lamp, left_out, pixels = _lamp_um(measured), measured.explained.left_out.together[k], measured.taken[k].pixels
     if lamp is not None:
         axes.plot(*lamp, "o", markersize=16, markerfacecolor="none", markeredgecolor=_FOUND, markeredgewidth=1.4)
         axes.annotate("lamp", lamp, (0, 10), textcoords="offset points", ha="center", color=_FOUND, fontsize=7)
-    if dust.any():
-        axes.contour(pixels.x_um, pixels.y_um, dust.astype(float), levels=[0.5], colors=[_FOUND], linewidths=1.0)
+    if measured.holds and left_out.any():
+        axes.contour(pixels.x_um, pixels.y_um, left_out.astype(float), levels=[0.5], colors=[_FOUND], linewidths=1.0)
 
 
 @styled
@@ -184,12 +179,12 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         verdict=measured.verdict,
         held=measured.verdict.answer is not Answer.CANNOT_TELL,
         sentences=measured.sentences,
-        if_it_held=IF_IT_HELD,
+        if_it_held=measured.if_words,
         if_sentences=measured.if_sentences,
         captured=Markup(captured_drawing(measured).img()),
         found=" and ".join(_found(measured)),
         left_out=measured.explained.left_out.counts,
-        suspects=[(each, strength(each)) for each in _suspects(measured)],
+        suspects=[(each, strength(each)) for each in measured.suspects],
         mtf=Markup(capture_mtf_drawing(measured).img()),
         rows=_rows(measured.quantities),
         if_rows=_rows(measured.if_numbers),
@@ -202,12 +197,6 @@ def capture_page(measured: Measured, document: Record, notes: Sequence[str]) -> 
         doubts=document["pixels_left_out"],
         notes=notes,
     )
-
-
-def _suspects(measured: Measured) -> list[Suspect]:
-    """Faults that are more than chance, where nothing can be told of the die."""
-    told = measured.verdict.answer is not Answer.CANNOT_TELL
-    return [] if told else [each for each in measured.explained.suspects if each.gain >= NAMED]
 
 
 _TERM = "captured_term"
@@ -240,7 +229,8 @@ _SHOWN = 12
 
 def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
     """Everything that was measured; what measure.json and ``--json`` say."""
-    best, fit, verdict, lamp = measured.identified.best, measured.fit, measured.verdict, measured.fit.setting.lamp
+    best, fit, verdict = measured.identified.best, measured.fit, measured.verdict
+    lamp = fit.setting.lamp if measured.holds else None
     return {
         "schema_version": CAPTURE_SCHEMA_VERSION,
         "maskfab_version": __version__,
@@ -265,7 +255,7 @@ def capture_document(measured: Measured, job_hash: str, notes: Sequence[str]) ->
         "left_out_px": measured.explained.left_out.counts,
         "suspects": [
             {"cause": each.cause.value, "strength": strength(each), "log_likelihood": each.gain / 2}
-            for each in _suspects(measured)
+            for each in measured.suspects
         ],
         "light": {
             colour: {"electrons_per_s": value, "beneath_electrons_per_s": fit.beneath[colour]}

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 from camera.capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed
 from capture_simulator import Dots, Optics, Sensor, Stack, picture
+from diagnosis_table import COLOUR, GREY
+from diagnosis_table import named as names_of
+from diagnosis_table import told as of_bench
 from measure_table import KINDS, verdicts
 from once import once
 from optics_cases import camera, noise, panel
@@ -15,9 +18,10 @@ from optics_cases import camera, noise, panel
 import maskfab as mf
 from maskfab.base.errors import SourceError
 from maskfab.camera.frames.merge import merged
-from maskfab.camera.inspection.diagnosis import Cause
+from maskfab.camera.inspection.diagnosis import Cause, Suspect, deciding_frame
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.die_verdict import Answer, Promise
+from maskfab.camera.inspection.die_verdict import strength as strength_words
 from maskfab.camera.inspection.measurement import measured
 from maskfab.optics.spectrum import line_spectrum
 from maskfab.report.pages.measured import capture_document, capture_page
@@ -90,7 +94,7 @@ def test_a_second_lamp_is_found_with_its_power_and_place_and_drawn(die, light):
     document = capture_document(found, "0" * 64, ())
     assert document["lamp"]["share"] == lamp.value
     page = capture_page(found, document, ("A note.",))
-    assert "Marked in blue: a second lamp." in page
+    assert "Marked in blue: a second lamp" in page
     order = [found.verdict.line, "<figure", "What to do next", "Numbers", "Appendix", "A note."]
     assert [page.index(word) for word in order] == sorted(page.index(word) for word in order)
 
@@ -150,8 +154,42 @@ def test_a_die_that_the_job_does_not_have_is_not_taken_for_another_lamp():
 def test_rows_with_offsets_are_told_nothing_of(light):
     found = told(Stack(light, sensor=Sensor(banding_e=6.0)))
     assert (found.verdict.answer, found.verdict.cause) == (Answer.CANNOT_TELL, Cause.ROWS)
-    assert not FINDINGS & {each.name for each in found.quantities}
-    assert {each.name for each in found.if_numbers} >= FINDINGS
+    assert not FINDINGS & {each.name for each in (*found.quantities, *found.if_numbers)}
+    assert len(found.sentences) == 1
+
+
+@pytest.mark.parametrize("bench", [GREY, COLOUR], ids=["grey", "colour"])
+@pytest.mark.parametrize(
+    ("kind", "strength", "named"),
+    [
+        ("black", 3.0, "black level"),
+        ("gamma", 0.015, "tone curve"),
+        ("glare", 0.012, "glare"),
+        ("shading", 0.06, "lens shading"),
+        ("response", 0.03, "unlike pixels"),
+        ("columns", 5.0, "columns"),
+        ("hot", 60.0, "hot pixels"),
+        ("dead", 0.003, "dead pixels"),
+        ("second lamp", 0.01, "second lamp"),
+        ("flicker", 0.03, "drift"),
+    ],
+)
+def test_faults_are_named_on_any_sensor_and_no_width_is_told_wrong(bench, kind, strength, named):
+    found = of_bench(bench, kind, strength, 5)
+    assert named in names_of(found)
+    stated = [each for each in (*found.quantities, *found.if_numbers) if each.name == "captured_cd_bias"]
+    assert all(abs(each.value - BIAS_UM) < 2 * each.uncertainty for each in stated)
+    if found.verdict.answer is Answer.CANNOT_TELL:
+        first = found.suspects[0]
+        assert strength_words(first) in found.verdict.reason
+        assert found.explained.mended == bool(stated)
+
+
+def test_the_frame_that_tells_two_likely_faults_apart_is_asked_for():
+    black, rows, glare = (Suspect(cause, 1.0, 0.1, 90.0) for cause in (Cause.BLACK, Cause.ROWS, Cause.GLARE))
+    assert "dark frame" in deciding_frame([black, glare])
+    assert "once more" in deciding_frame([black, rows])
+    assert deciding_frame([black]) is None
 
 
 @pytest.mark.slow
