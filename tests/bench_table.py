@@ -80,6 +80,11 @@ def barrel(bend: float, *terms: int) -> Callable[[np.random.Generator, float], F
     return drawn
 
 
+def other_stop(random: np.random.Generator, diameter_um: float) -> Fault:
+    wider = 0.01 * diameter_um * float(random.choice((-1, 1)))
+    return Fault(wider=wider, truth={"stop_um": wider})
+
+
 ROWS: dict[str, Callable[[np.random.Generator, float], Fault]] = {
     **{f"off {off:g} um": off_axis(off) for off in (0.0, 1.0, 5.0, 20.0, 100.0, 200.0, 500.0)},
     **{f"mosaic off {off:g} um": off_axis(off, colours=True) for off in (0.0, 20.0, 200.0)},

@@ -42,11 +42,11 @@ FULL = {
 }
 """Full widths, of a bell at half its height, in standard deviations; values of these names are variances."""
 STEPS = {
-    DIE_X: 0.5,
-    DIE_Y: 0.5,
-    STOP: 0.5,
-    CUT_X: 0.5,
-    CUT_Y: 0.5,
+    DIE_X: 0.1,
+    DIE_Y: 0.1,
+    STOP: 0.1,
+    CUT_X: 0.1,
+    CUT_Y: 0.1,
     CUT_BEND: 0.01,
     LIGHT_DISC: 0.05,
     LIGHT_BELL: 0.05,
@@ -57,8 +57,10 @@ STEPS = {
     LATERAL_X: 0.02,
     LATERAL_Y: 0.02,
 }
-"""By which each is moved for its slope."""
+"""By which each is moved for its slope; the stop's edge by far less than a dot."""
 _STRAIGHT, _BENT = 0.05, 1.0
+_MOST = 900.0
+"""Largest variance of either kind: lights wider than the speckles' reach tell nothing, nor do bands of 100 nm."""
 PER_NM = 0.01
 """Axial and lateral colour are told for each 100 nm from the camera's first line."""
 
@@ -75,7 +77,7 @@ def within(name: str, value: float) -> float:
     """The nearest value that there can be."""
     if name == CUT_BEND:
         return min(_BENT, max(_STRAIGHT, value))
-    return max(0.0, value) if name in FULL else value
+    return min(_MOST, max(0.0, value)) if name in FULL else value
 
 
 def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float], orders: int) -> Opened:
@@ -101,7 +103,7 @@ def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float],
 
 
 def _cut_again(pupil: Pupil, other: Pupil) -> Pupil:
-    """What two stops leave of the same dots; those that both cut, a few, are dimmed by the other's share."""
+    """Dots as two stops leave them; those that both cut, a few, are dimmed by the other's share."""
     share = (other.whole > 0).astype(np.float64)
     share[other.rim_row, other.rim_column] = other.rim_moments[:, 0, 0] / other.rim_transmission
     fresh = pupil.whole[other.rim_row, other.rim_column] > 0

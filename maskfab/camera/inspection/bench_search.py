@@ -145,8 +145,9 @@ def _asked(
     return now, places, [*range(first, len(names))]
 
 
-def _wanted(image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool) -> tuple[str, ...]:
-    """Values of the bench that bring most; none if that is too little, or with ``lens`` less than all terms do."""
+def _wanted(image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool) -> tuple[tuple[str, ...], bool]:
+    """Values of the bench that bring most; none if that is too little, or with ``lens`` less than all terms do; and
+    whether they bring enough by themselves."""
     now, groups, terms = _asked(image, taken, fit, lens=lens)
     held = [*range(fit.setting.values.size)]
     gains = {group: now.gain([*held, *places]) - now.gain(held) for group, places in groups.items()}
@@ -155,11 +156,12 @@ def _wanted(image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool) ->
     least = _PLACE_DEMANDED if group == PLACE else _DEMANDED
     share = 0.0 if group == PLACE else _EXPLAINED
     if gains[group] < max(least * noise, share * left_over):
-        return ()
+        return (), False
     widens = group[0] not in FULL or float(now.covariance[groups[group][0]] @ now.gradient) > 0
-    if not widens or (lens and gains[group] < now.gain([*held, *terms]) - now.gain(held)):
-        return ()
-    return group
+    if not widens:
+        return (), False
+    least = now.gain([*held, *terms]) - now.gain(held) if lens else 0.0
+    return (group if gains[group] >= least else ()), True
 
 
 def with_bench_and_terms(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Fit:
@@ -178,7 +180,7 @@ def with_bench_and_terms(image: DieImage, taken: Sequence[Taken], fit: Fit, prog
 def _asked_for(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress) -> Fit:
     for lens in (True, False):
         for _ in range(_ROUNDS):
-            wanted = _wanted(image, taken, fit, lens=lens)
+            wanted, some = _wanted(image, taken, fit, lens=lens)
             if not wanted:
                 break
             more = fitted(image, taken, _begun(*_middle(image, taken), fit.setting, wanted), progress)
@@ -188,7 +190,10 @@ def _asked_for(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Prog
             if not lens:
                 fit = with_terms(image, taken, fit, progress)
         if lens:
-            fit = with_terms(image, taken, fit, progress)
+            wide = with_terms(image, taken, fit, progress)
+            if wide is fit and not wanted and not some:
+                break
+            fit = wide
     return fit
 
 

@@ -1,4 +1,4 @@
-"""What was found of the bench, as numbers and as sentences."""
+"""Numbers and sentences on all that was found of the bench."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def bench_sentences(told: Explanation) -> Iterator[str]:
     beyond = edge_inside_um(told.image.panel, told.image.way_round, told.image.camera.stop, bench)
     if beyond > 0:
         yield (
-            f"The die's edge lies within the stop, by {beyond:.0f} um: beyond it the fit takes the plate for dark. Move "
-            "the die towards the axis, or use a smaller stop."
+            f"The die's edge lies within the stop, by {beyond:.0f} um: beyond it the fit takes the plate for dark. "
+            "Move the die towards the axis, or use a smaller stop."
         )
     if STOP in bench:
         diameter = told.image.camera.stop.diameter_um

@@ -498,13 +498,14 @@ class DieImage:
         return [known[name] for name in setting.names]
 
     def _by_bench(self, setting: Setting, name: str) -> list[Floats]:
-        value, step = dict(setting.bench).get(name, 0.0), STEPS[name]
-        places = [within(name, value + sign * step) for sign in (1, -1)]
-        ahead, behind = (
-            self._taken(there, [self._intensities(there)], self._few)[0]
-            for there in (setting.beside({name: place}) for place in places)
+        value = dict(setting.bench).get(name, 0.0)
+        there = within(name, value + STEPS[name])
+        step = there - value if there > value else -STEPS[name]
+        ahead, here = (
+            self._taken(at, [self._intensities(at)], self._few)[0]
+            for at in (setting.beside({name: value + step}), setting)
         )
-        return [(a - b) / (places[0] - places[1]) for a, b in zip(ahead, behind, strict=True)]
+        return [(a - b) / step for a, b in zip(ahead, here, strict=True)]
 
     def _stand_slopes(self, setting: Setting) -> dict[str, list[Floats]]:
         """Changes with place, turn, scale, bias, and with another lamp."""
@@ -639,7 +640,7 @@ def _intensity(field: Complexes, energy_um2: float) -> Floats:
 
 
 def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V], most: int = _KEPT) -> _V:
-    """What is kept under a key, made where it is not; of others the ones that were asked for last."""
+    """The value under a key, made where it is not; beside it are kept those that were asked for last."""
     value = kept.pop(key) if key in kept else made()
     while len(kept) >= most:
         kept.pop(next(iter(kept)))

@@ -125,9 +125,10 @@ def identified(
             setting, chi2, freedom = _placed(there, middle, setting)
             placed[first] = chi2, each, setting
             noise = max(1.0, min(noise, chi2 / freedom))
+        # A fit of the middle takes little, and leaves one of the whole few steps.
+        near = fitted(there, middle, replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS)))
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
-        start = replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS))
-        whole.append((each, fitted(image, taken, start, progress)))
+        whole.append((each, fitted(image, taken, near.setting, progress)))
     whole.sort(key=lambda pair: pair[1].chi2)
     best, fit = whole[0]
     left = fit.inflation**2
