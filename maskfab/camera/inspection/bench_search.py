@@ -104,7 +104,7 @@ def _steps(image: DieImage, taken: Sequence[Taken], start: Setting, names: Seque
         bench = dict(start.bench)
         tried = [start.beside({name: bench[name] + sign * step}) for name in names for sign in (1, -1)]
         near = (each for each in tried if max(abs(value) for _, value in each.bench) <= _FARTHEST_UM)
-        least, there = min(((chi2(each), each) for each in near), key=lambda pair: pair[0])
+        least, there = min(((chi2(each), each) for each in near), key=lambda pair: pair[0], default=(best, start))
         if least < best:
             best, start = least, there
         else:
@@ -166,7 +166,8 @@ def _wanted(image: DieImage, taken: Sequence[Taken], fit: Fit, *, lens: bool) ->
 
 def with_bench_and_terms(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress = silent) -> Fit:
     """The fit with all of the bench and the lens that residuals ask for."""
-    fit = _asked_for(image, taken, fit, progress)
+    # A light that was begun with while the die was told has had no other shape yet.
+    fit = _asked_for(image, taken, _of_better_shape(image, taken, fit, progress), progress)
     for searched in (_with_cut, _with_place):
         if fit.chi2 / fit.freedom <= most_noise(fit):
             break

@@ -158,21 +158,25 @@ def test_rows_with_offsets_are_told_nothing_of(light):
     assert len(found.sentences) == 1
 
 
-@pytest.mark.parametrize("bench", [GREY, COLOUR], ids=["grey", "colour"])
 @pytest.mark.parametrize(
-    ("kind", "strength", "named"),
+    ("bench", "kind", "strength", "named"),
     [
-        ("black", 3.0, "black level"),
-        ("gamma", 0.015, "tone curve"),
-        ("glare", 0.012, "glare"),
-        ("shading", 0.06, "lens shading"),
-        ("response", 0.03, "unlike pixels"),
-        ("columns", 5.0, "columns"),
-        ("hot", 60.0, "hot pixels"),
-        ("dead", 0.003, "dead pixels"),
-        ("second lamp", 0.01, "second lamp"),
-        ("flicker", 0.03, "drift"),
+        (GREY, "black", 3.0, "black level"),
+        (GREY, "gamma", 0.015, "tone curve"),
+        (GREY, "glare", 0.012, "glare"),
+        (GREY, "shading", 0.06, "lens shading"),
+        (GREY, "response", 0.03, "unlike pixels"),
+        (GREY, "columns", 5.0, "columns"),
+        (GREY, "hot", 60.0, "hot pixels"),
+        (GREY, "dead", 0.003, "dead pixels"),
+        (GREY, "second lamp", 0.01, "second lamp"),
+        (GREY, "flicker", 0.03, "drift"),
+        (COLOUR, "black", 3.0, "black level"),
+        (COLOUR, "hot", 60.0, "hot pixels"),
+        (COLOUR, "second lamp", 0.01, "second lamp"),
+        (COLOUR, "columns", 5.0, "columns"),
     ],
+    ids=lambda value: ("grey" if value is GREY else "colour") if value in (GREY, COLOUR) else None,
 )
 def test_faults_are_named_on_any_sensor_and_no_width_is_told_wrong(bench, kind, strength, named):
     found = of_bench(bench, kind, strength, 5)
