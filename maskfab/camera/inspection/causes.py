@@ -89,7 +89,7 @@ class LeftOut:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many of each."""
+        """Numbers of each."""
         every = {"hot": self.hot, "dead": self.dead, "dust": self.dust}
         return {name: sum(int(mask.sum()) for mask in masks) for name, masks in every.items()}
 

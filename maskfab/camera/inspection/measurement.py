@@ -22,6 +22,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.base.work import Progress, silent
 from maskfab.camera.blur import HOLDS
 from maskfab.camera.frames.merge import Merged, check_centre
+from maskfab.camera.inspection.bench import STOP
 from maskfab.camera.inspection.bench_words import bench_quantities
 from maskfab.camera.inspection.causes import Explanation, explained, holds_most
 from maskfab.camera.inspection.costs import COST_METHOD, TERM_NAMES, Cost, costs, disagreement
@@ -61,7 +62,7 @@ _UNLIKE = 3.0
 _NOTHING = Promise()
 _CHECK = "Check the camera and the light of the job, and that this is a point light behind its plate"
 _STRETCHED = 0.1
-"""Change of scale from which camera or light are others than the job's."""
+"""Change of scale, or of the stop, from which camera or light are others than the job's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,9 +188,10 @@ def _explained(
     identity = identified(panels, camera, light, taken, progress)
     setting, panel = identity.fit.setting, panels[identity.best.die]
     # Bent beyond what a writer or a camera does.
-    if abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or abs(setting.scale) >= _STRETCHED:
+    stop = 1 + dict(setting.bench).get(STOP, 0.0) / camera.stop.diameter_um
+    if abs(setting.bias_um) >= panel.dot_nm * UM_PER_NM or max(abs(setting.scale), abs(stop - 1)) >= _STRETCHED:
         there = _other_die({identity.best.die: panel}, others, camera, light, taken, progress)
-        raise _none(setting, identity.best.die, panel, there)
+        raise _none(setting, identity.best.die, panel, stop, there)
     image = DieImage.of(panel, identity.best.way_round, camera, light, [capture.pixels for capture in taken])
     # Noise of the light that is expected: that of what was measured favours what came out dark.
     taken = expecting(image, taken, setting)
@@ -294,10 +296,11 @@ def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
 
 
-def _none(setting: Setting, die: str, panel: Panel, there: str | None) -> SourceError:
+def _none(setting: Setting, die: str, panel: Panel, stop: float, there: str | None) -> SourceError:
     what = (
         f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
-        f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, and a picture {setting.scale:+.0%} larger"
+        f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, a picture {setting.scale:+.0%} larger, and "
+        f"a stop {stop:.0%} as wide"
     )
     cure = _CHECK if there is None else f"This is die {there}: name it (--die {there})"
     return SourceError("MF339", what, cure=cure)
