@@ -83,7 +83,7 @@ class Microscope:
     def light(self, cell: Cell, pitch_um: float, shape: tuple[int, int], rng: np.random.Generator) -> Floats:
         """Linear light [rows, columns] of 0 to 1, row 0 on top."""
         rows, columns = shape
-        number = 4
+        number = 3
         fine_y, fine_x = ((np.arange(length * number) + 0.5) / number - 0.5 - length / 2 for length in (rows, columns))
         turn, offset = np.deg2rad(self.turn_deg), rng.uniform(0, 1, 2)
         share = np.zeros(shape)

@@ -27,26 +27,31 @@ SHIPPED = (
 
 
 def truth(name: str):
-    """Cell, pitch in um, and the pixels along it."""
+    """Cell, pitch in um, and the dots along it."""
     if name == "rounded":
-        return rounded(), 78.0
+        return rounded(), 78.0, 2000
     opening = load_opening(Path("layouts/openings") / f"{name}.toml")
     if name == "pentile_diamond":  # its cell holds two pixels along each side
-        return of_mask(opening.mask[:21, :21]), 63.0
-    return of_mask(opening.mask), opening.cell_size.pitch_nm / 1e3
+        return of_mask(opening.mask[:21, :21]), 63.0, 21
+    return of_mask(opening.mask), opening.cell_size.pitch_nm / 1e3, opening.dots
 
 
-def apart(found: SeenCell, cell, px: float) -> tuple[float, float, float]:
+def apart(found: SeenCell, cell, dots: int, px: float) -> tuple[float, float, float]:
     """Difference of open ratio, relative, and rms and mean distance of edges, in pixels of the picture."""
-    size = len(found.clear)
+    size = -(-1800 // dots) * dots
+    places = (np.arange(size) + 0.5) / size * len(found.clear) - 0.5
+    outline = ndimage.map_coordinates(
+        found.clear, np.meshgrid(places, places, indexing="ij"), order=1, mode="grid-wrap"
+    )
+    outline = outline > 0.5
     at = (np.arange(size) + 0.5) / size
     x, y = np.meshgrid(at, at)
     wanted = cell(x, y)
     # where the cell begins is free: the shift that covers most, then refined around it
-    power = np.fft.rfft2(wanted.astype(float)) * np.conj(np.fft.rfft2(found.clear.astype(float)))
+    power = np.fft.rfft2(wanted.astype(float)) * np.conj(np.fft.rfft2(outline.astype(float)))
     likeness = np.fft.irfft2(power, s=(size, size))
     dy, dx = np.unravel_index(np.argmax(likeness), likeness.shape)
-    moved = np.roll(found.clear, (dy, dx), (0, 1))
+    moved = np.roll(outline, (dy, dx), (0, 1))
     tiled = np.pad(wanted, 40, mode="wrap")
     far = np.where(tiled, ndimage.distance_transform_edt(tiled) - 0.5, -(ndimage.distance_transform_edt(~tiled) - 0.5))
     far = far[40:-40, 40:-40]
@@ -61,10 +66,10 @@ def main(count: int) -> None:
     within, within_area, within_scale, good, done = 0, 0, 0, 0, 0
     for number in range(count):
         name = SHIPPED[number % len(SHIPPED)]
-        cell, pitch = truth(name)
-        scale = float(np.exp(rng.uniform(np.log(2), np.log(min(20, 1400 / pitch)))))
+        cell, pitch, dots = truth(name)
+        scale = float(np.exp(rng.uniform(np.log(2), np.log(min(20, 500 / pitch)))))
         side = scale * pitch
-        wide = float(np.clip(rng.uniform(2.3, 6), 2.3, 3200 / side))
+        wide = float(np.clip(rng.uniform(2.3, 6), 2.3, max(2.3, 1300 / side)))
         shape = int(side * max(2.2, wide * 0.8)), int(side * wide)
         scope = Microscope(
             scale, rng.uniform(-3, 3), rng.uniform(-0.03, 0.03), rng.uniform(0.5, 1.5), rng.uniform(-0.3, 0.3),
@@ -78,11 +83,11 @@ def main(count: int) -> None:
         told = f"{number:3d} {name:18s} {scale:5.1f} px/um {shape[1]:5d} x {shape[0]:4d}"
         told += f" turn {scope.turn_deg:+.1f} blur {scope.blur_px:.1f} noise {scope.noise:.3f} "
         try:
-            found = seen_cell(light, pitch, "bright" if scope.transmitted else "dark", None, path.name)
+            found = seen_cell(light, pitch, "bright" if scope.transmitted else "dark", 1, path.name)
         except OpeningError as error:
             print(told, error.code, error.what, flush=True)
             continue
-        ratio, rms, mean = apart(found, cell, side)
+        ratio, rms, mean = apart(found, cell, dots, side)
         bar = found.open_ratio_bar / found.open_ratio
         within += abs(mean) <= found.edge_bar_px
         within_area += abs(ratio) <= bar

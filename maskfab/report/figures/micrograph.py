@@ -23,7 +23,7 @@ def outlines(picture: Floats, seen: SeenCell, opening: Opening) -> Drawing:
     size, side = len(seen.clear), opening.cell_size.pitch_um
     step = max(1, size // 1000)
     at = (np.arange(0, size, step) + 0.5) / size
-    clear = seen.clear[::step, ::step].astype(float)
+    clear = seen.clear[::step, ::step]
     cell.imshow(seen.values, origin="lower", cmap="gray", extent=(0, side, 0, side), vmin=-0.1, vmax=1.1)
     cell.contour(at * side, at * side, clear, [0.5], colors=_OUTLINE, linewidths=0.9)
     dots = (np.arange(8 * opening.dots) + 0.5) / (8 * opening.dots) * side
