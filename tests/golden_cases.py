@@ -214,17 +214,20 @@ _CASES = (
     # find a design
     Case(
         "shape/stripe",
-        "new s.toml --shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90",
+        "new s.toml --shape stripe --dots 21 --pitch '168 um' --set width_dots=5 --clear-dots 90",
         quick=True,
     ),
-    Case("shape/blobs", "new b.toml --shape blobs --clear-dots 88 --size-ratio 0.6 --aspect 1.5 --exponent 3 --name B"),
+    Case(
+        "shape/blobs",
+        "new b.toml --shape blobs --clear-dots 88 --set size_ratio=0.6 --set aspect=1.5 --set exponent=3 --name B",
+    ),
     Case("shape/diamond_discs", "new d.toml --shape diamond-discs --clear-dots 89"),
     Case("shape/not_reached", "new d.toml --shape diamond-discs --clear-dots 90"),
     *(
         Case(f"shape/{kind}", f"new shape.toml --shape {kind}")
         for kind in ("rgb-stripe", "pentile-diamond", "pentile-lines", "delta", "circular", "window")
     ),
-    Case("shape/ring", "new ring.toml --shape circular --length diameter=18 --force", ("ring.toml",)),
+    Case("shape/ring", "new ring.toml --shape circular --set diameter=18 --force", ("ring.toml",)),
     Case("shape/in_use", "new ring.toml --shape circular", ("ring.toml",)),
     Case("shape/no_such_kind", "new s.toml --shape heart", quick=True),
     Case("shape/picture", "new s.png --shape stripe --clear-dots 90"),

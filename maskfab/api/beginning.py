@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -20,6 +21,7 @@ from maskfab.base.units import NM_PER_UM, UM_PER_INCH
 if TYPE_CHECKING:
     from maskfab.api.lengths import Length
     from maskfab.api.opening import Opening
+    from maskfab.api.tracing import Traced
     from maskfab.report.figures.sheet import Drawing
 
 
@@ -98,26 +100,26 @@ def new(
     dots: int | None = None,
     pitch: Length | None = None,
     clear_dots: int | None = None,
-    width_dots: int | None = None,
-    size_ratio: float | None = None,
-    aspect: float | None = None,
-    exponent: float | None = None,
-    lengths: Annotated[Mapping[str, int] | None, "--length KEY=DOTS"] = None,
+    numbers: Annotated[Mapping[str, str | float] | None, "--set NAME=VALUE"] = None,
+    micrograph: str | Path | None = None,
     camera: str | None = None,
     name: str | None = None,
     command: InPython[str | None] = None,
     force: bool = False,
-) -> Begun | Drawn:
+) -> Begun | Drawn | Traced:
     """Begin a job of your own: a folder with a commented job, and the openings and maps that it names.
 
-    With --shape, draw a parametric opening instead, or the opening of a display with its emitters.
+    With --shape, draw a parametric opening instead, or the opening of a display with its emitters. With --micrograph,
+    read the opening of a real display from a picture of several of its pixels, with a bar on its edge.
 
     Examples:
         $ maskfab new mine
         $ maskfab new mine --from display_that_fits
         $ maskfab new mine --from galaxy_z_fold_3 --camera '2.4 mm'
-        $ maskfab new s.toml --shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90
-        $ maskfab new ring.toml --shape circular --length diameter=18
+        $ maskfab new s.toml --shape stripe --dots 21 --pitch '168 um' --set width_dots=5 --clear-dots 90
+        $ maskfab new ring.toml --shape circular --set diameter=18
+        $ maskfab new phone --micrograph panel.png --pitch '78 um'
+        $ maskfab new phone --micrograph panel.png --pitch '78 um' --set clear=bright --dots 78
 
     Args:
         place: folder to make, new or empty; with shape the file for the opening.
@@ -129,11 +131,11 @@ def new(
         pitch: side of a cell, to the nearest that dots of whole nanometres make; by default ``"168 um"``, or a
             display's own. Cells of pentile-diamond, pentile-lines and delta are two pixels wide.
         clear_dots: number of clear dots; blobs and discs need it.
-        width_dots: width of a stripe in dots; by default 5.
-        size_ratio: size of small blobs relative to large ones; by default 0.7.
-        aspect: aspect ratio of blobs, length over width; by default 1.25.
-        exponent: superellipse exponent of blobs: 2 is an ellipse, larger is squarer; by default 4.
-        lengths: length of a display, in dots; its keys stand in the manual, and in the answer to a wrong one.
+        numbers: of a stripe: width_dots, by default 5. Of blobs: size_ratio, small over large, by default 0.7; aspect,
+            length over width, by default 1.25; exponent, 2 for an ellipse, larger for squarer ones, by default 4. Of a
+            display: its lengths in dots, which stand in the manual, and in the answer to a wrong one. Of a micrograph:
+            clear=bright where light shines through the openings, by default dark; pixels along the repeating cell.
+        micrograph: a microscope picture of at least 2 x 2 pixels of a display, wires bright and openings dark.
         camera: of a device what was not published: the focal length, such as ``"2.4 mm"``, or all three numbers, such
             as ``"2.4 mm f/1.8 2 um"``.
         name: name of the opening; by default the file's stem.
@@ -146,9 +148,21 @@ def new(
     """
     from maskfab.api.asked import require_form
 
-    sizes = {"size_ratio": size_ratio, "aspect": aspect, "exponent": exponent, "width_dots": width_dots}
-    drawn = {"dots": dots, "pitch": pitch, "clear_dots": clear_dots, "lengths": lengths, "name": name, "force": force}
-    require_form("shape", {**drawn, **sizes}, of=shape is not None)
+    made = shape is not None or micrograph is not None
+    both = {"dots": dots, "pitch": pitch, "numbers": numbers, "name": name}
+    require_form("shape or micrograph", both, of=made)
+    require_form("shape", {"clear_dots": clear_dots, "force": force}, of=shape is not None)
+    if micrograph is not None:
+        from maskfab.api.tracing import traced
+
+        for key, value in {"shape": shape, "source": source, "camera": camera}.items():
+            if value is not None:
+                what = f"a micrograph takes no {key}"
+                raise JobError("MF105", what, where=key, cure=f"Leave {key} out, or micrograph")
+        folder, photograph = Path(place), Path(micrograph)
+        called = name or re.sub(r"\W", "_", folder.name, flags=re.ASCII) or "display"
+        by = command or f"maskfab.new({str(place)!r}, micrograph={photograph.name!r}, pitch={pitch!r})"
+        return traced(folder, photograph, pitch=pitch, dots=dots, settings=numbers or {}, name=called, command=by)
     if shape is None:
         return _job(Path(place), FIRST if source is None else source, camera)
     if camera is not None:
@@ -162,10 +176,9 @@ def new(
     target = Path(place)
     if target.parent.exists():
         check_file(target, force=force)
-    stated: dict[str, Any] = {key: value for key, value in sizes.items() if value is not None}
     opening = Opening.shape(
-        shape, dots=dots, pitch=pitch, clear_dots=clear_dots, lengths=lengths, name=name or target.stem,
-        command=command or f"maskfab.new({str(place)!r}, shape={shape!r})", **stated,
+        shape, dots=dots, pitch=pitch, clear_dots=clear_dots, name=name or target.stem,
+        command=command or f"maskfab.new({str(place)!r}, shape={shape!r})", **_numbers_of(shape, numbers or {}),
     )  # fmt: skip
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -174,6 +187,32 @@ def new(
     write_text(target, opening_text(opening), replace=force)
     display = DISPLAYS.get(shape)
     return Drawn(target, opening, 1 if display is None else display.pixels_across)
+
+
+_NUMBERS: Mapping[str, Mapping[str, type]] = {
+    "stripe": {"width_dots": int},
+    "blobs": {"size_ratio": float, "aspect": float, "exponent": float},
+}
+"""Numbers that shapes have beside dots and pitch; a display has its lengths in dots."""
+
+
+def _numbers_of(shape: str, stated: Mapping[str, str | float]) -> dict[str, Any]:
+    """Arguments of :meth:`maskfab.Opening.shape`. Raises JobError MF102 for another name, MF105 for no number."""
+    from maskfab.mask.emitter_layouts import DISPLAYS, read_lengths
+
+    if shape in DISPLAYS:
+        return {"lengths": read_lengths(f"{key}={value}" for key, value in stated.items())}
+    kinds, found = _NUMBERS.get(shape, {}), dict[str, Any]()
+    for key, value in stated.items():
+        if key not in kinds:
+            cure = f"It has: {', '.join(kinds)}" if kinds else f"Leave {key} out"
+            raise JobError("MF102", f"the shape {shape} has no number {key!r}", where=key, cure=cure)
+        try:
+            found[key] = kinds[key](value)
+        except ValueError:
+            what = f"{key} = {value!r} is no {'whole ' * (kinds[key] is int)}number"
+            raise JobError("MF105", what, where=key, cure=f"Write {key}=5") from None
+    return found
 
 
 def _job(folder: Path, source: str, camera: str | None) -> Begun:
@@ -222,7 +261,7 @@ def _texts(value: object) -> Iterator[str]:
 @answers(new)
 def _new(asked: Asked) -> Told:
     """A drawn opening names the command that draws it, as it was typed."""
-    if "shape" in asked.stated:
+    if "shape" in asked.stated or "micrograph" in asked.stated:
         words = (word for word in asked.words if word not in {"--force", "--json"})
         return Told.of(asked.found(command=shlex.join(["maskfab", *words])))
     return Told.of(asked.found())

@@ -140,7 +140,7 @@ class Opening(model.Opening):
         own_dots, own_pitch = (display.dots, display.pitch) if display else (_USUAL_DOTS, _USUAL_PITCH)
         pitch_um = parse_pitch_um(own_pitch if pitch is None else length_text(pitch, "pitch"), where="pitch")
         dots = (
-            _dots_near(own_dots, display.multiple if display else 1, pitch_um) if dots is None else _whole(dots, "dots")
+            dots_near(own_dots, display.multiple if display else 1, pitch_um) if dots is None else _whole(dots, "dots")
         )
         dot_nm = max(1, round(pitch_um * NM_PER_UM / max(1, dots)))
         made: dict[str, str | int | float] = {
@@ -153,7 +153,7 @@ class Opening(model.Opening):
         if display is not None:
             if dots % display.multiple:
                 what = f"dots = {dots} is not a multiple of {display.multiple}, as those of {kind} must be"
-                near = _dots_near(dots, display.multiple, pitch_um)
+                near = dots_near(dots, display.multiple, pitch_um)
                 raise JobError("MF104", what, where="dots", cure=f"Use {near} dots of {pitch_um / near:.6g} um")
             mask, emitters = display.draw(dots, dict(lengths or {}))
             made.update(emitter_layouts.source_facts(display, changed=changed))
@@ -327,7 +327,7 @@ def read_opening(
     return Opening.of_model(_repitched(opening, _stated(pitch, "pitch", path.name)))
 
 
-def _dots_near(usual: int, multiple: int, pitch_um: float) -> int:
+def dots_near(usual: int, multiple: int, pitch_um: float) -> int:
     """The multiple of a number nearest to the usual dots that are whole nanometres of a pitch, if there is one."""
     near = range(-(-usual // (2 * multiple)) * multiple, 2 * usual + 1, multiple)
     whole = [dots for dots in near if abs(pitch_um * NM_PER_UM / dots % 1 - 0.5) > 0.5 - 1e-6]

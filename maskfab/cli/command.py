@@ -57,7 +57,7 @@ class Parameter:
         metavar: what stands for its value.
         required: whether it must be stated.
         many: whether it may be repeated.
-        keys: "toml" for a table of a job, "str" or "int" for KEY=VALUE, empty for a plain value.
+        keys: "toml" for a table of a job, "str" for KEY=VALUE, empty for a plain value.
         bounds: smallest and largest number.
     """
 
@@ -249,8 +249,8 @@ def _read_type(node: ast.expr | None) -> tuple[type, bool, str, str | None] | No
             head = _name(part.value)
             if head == "Mapping":
                 assert isinstance(part.slice, ast.Tuple)
-                held = _name(part.slice.elts[1])
-                return str, held in ("str", "int"), held if held in ("str", "int") else "toml", None
+                texts = "str" in map(_name, _union(part.slice.elts[1]))
+                return str, texts, "str" if texts else "toml", None
             if head == "Sequence":
                 inner = _read_type(part.slice)
                 # Numbers that may also be one text, such as a box, are that text.
@@ -339,17 +339,17 @@ def tables(parameter: Parameter, stated: str | Sequence[str]) -> dict[str, Any]:
     from maskfab.base.errors import JobError
 
     option, cure = parameter.spelling[0], "Write it as --help shows"
-    if parameter.keys == "int":
-        from maskfab.mask.emitter_layouts import read_lengths
-
-        return dict(read_lengths(stated))
     if parameter.keys == "str":
         pairs = [text.partition("=") for text in stated]
         wrong = [key for key, equals, _ in pairs if not equals or not key.strip()]
         if wrong:
             cure = f"Write it as {option} KEY=VALUE, such as {option} {parameter.metavar}"
             raise JobError("MF105", f"{wrong[0]!r} is no KEY=VALUE", where=option, cure=cure)
-        return {key.strip(): value for key, _, value in pairs}
+        names = [key.strip() for key, _, _ in pairs]
+        twice = [key for key in names if names.count(key) > 1]
+        if twice:
+            raise JobError("MF102", f"{twice[0]} is given twice", where=option, cure="Give each name once")
+        return {key.strip(): value.strip() for key, _, value in pairs}
     from maskfab.job.toml import loads
 
     assert isinstance(stated, str)

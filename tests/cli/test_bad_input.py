@@ -354,7 +354,7 @@ def test_a_cell_that_is_clear_all_over_is_a_reference(capsys, tmp_path):
         (["blobs", "--clear-dots", "0"], "MF203", ["0 of 441", "at least 1"]),
         (["diamond-discs", "--clear-dots", "2"], "MF204", ["2 of 441", "0.0045", "1 (open ratio 0.0023)"]),
         (["stripe", "--clear-dots", "91"], "MF204", ["91 of 441", "0.2063", "90 (open ratio 0.2041)"]),
-        (["stripe", "--width-dots", "22"], "MF104", ["width_dots = 22", "1 and 21"]),
+        (["stripe", "--set", "width_dots=22"], "MF104", ["width_dots = 22", "1 and 21"]),
         (["blobs"], "MF105", ["--clear-dots"]),
         (["spiral", "--clear-dots", "9"], "MF105", ["'spiral'", "diamond-discs"]),
         (["stripe", "--name", "1st"], "MF110", ["'1st'", "--name"]),
@@ -670,11 +670,11 @@ def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
     target = tmp_path / "o.toml"
     assert command(capsys, "new", target, "--shape", "stripe").code == 0
     first = target.read_bytes()
-    answer = command(capsys, "new", target, "--shape", "stripe", "--width-dots", "7")
+    answer = command(capsys, "new", target, "--shape", "stripe", "--set", "width_dots=7")
     assert answer.code == 2
     assert answer.stderr.startswith("error: MF402 ")
     assert target.read_bytes() == first
-    assert command(capsys, "new", target, "--shape", "stripe", "--width-dots", "7", "--force").code == 0
+    assert command(capsys, "new", target, "--shape", "stripe", "--set", "width_dots=7", "--force").code == 0
     assert load_opening(target).clear_dots == 7 * 21
     assert listing(tmp_path).keys() == {"o.toml"}
 

@@ -362,8 +362,8 @@ def test_lengths_are_read_in_pairs():
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
-        (("--pitch", "200 dpi", "--length", "opening=8"), r"MF102.*40 dots.*clear_reach=4, red_reach=5"),
-        (("--length", "clear_reach=4.5"), "Write clear_reach=4 or clear_reach=5"),
+        (("--pitch", "200 dpi", "--set", "opening=8"), r"MF102.*40 dots.*clear_reach=4, red_reach=5"),
+        (("--set", "clear_reach=4.5"), "Write clear_reach=4 or clear_reach=5"),
         (("--pitch", "63.5 um", "--dots", "127"), "Use 100 dots of 0.635 um"),
     ],
 )
@@ -390,7 +390,7 @@ def test_the_verb_names_every_display():
 
 def test_a_changed_display_claims_no_source(capsys, tmp_path):
     target = tmp_path / "ring.toml"
-    assert command(capsys, "new", target, "--shape", "circular", "--length", "diameter=16").code == 0
+    assert command(capsys, "new", target, "--shape", "circular", "--set", "diameter=16").code == 0
     found = opening_file.load_opening(target)
     assert "source" not in found.provenance
     assert found.provenance["judgement"]
@@ -408,7 +408,7 @@ def test_the_verb_scales_a_display(capsys, tmp_path):
 
 @pytest.mark.parametrize(
     "arguments",
-    [("stripe", "--length", "diameter=3"), ("circular", "--length", "diameter=39"), ("delta", "--dots", "21")],
+    [("stripe", "--set", "diameter=3"), ("circular", "--set", "diameter=39"), ("delta", "--dots", "21")],
 )
 def test_the_verb_refuses_and_writes_nothing(capsys, tmp_path, arguments):
     target = tmp_path / "none.toml"

@@ -193,7 +193,7 @@ COMMANDS = {
         "OUT",
     ),
     "shape": (
-        ("new", "OUT.toml", "--shape", "stripe", "--dots", "21", "--pitch", "168 um", "--width-dots", "5",
+        ("new", "OUT.toml", "--shape", "stripe", "--dots", "21", "--pitch", "168 um", "--set", "width_dots=5",
          "--clear-dots", "90"),
         "OUT.toml",
     ),
