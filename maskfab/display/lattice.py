@@ -58,6 +58,12 @@ class Lattice:
         x, y = self.pixels(np.array([u + 0.5, u - 0.5, u, u]), np.array([v, v, v + 0.5, v - 0.5]))
         return np.array([x[::2] - x[1::2], y[::2] - y[1::2]])
 
+    def across(self, shape: tuple[int, ...]) -> Floats:
+        """First and last period in view on the lines through the middle of a picture, along u and along v, [2, 2]."""
+        high, wide = shape[0] - 1.0, shape[1] - 1.0
+        u, v = self.periods(np.array([0, wide, wide / 2, wide / 2]), np.array([high / 2, high / 2, high, 0]))
+        return np.array([u[:2], v[2:]])
+
     def of_groups(self, across: int, up: int) -> Lattice:
         """The lattice whose periods hold so many of these."""
         return replace(self, matrix=self.matrix @ np.diag([across, up, 1.0]))
@@ -114,10 +120,13 @@ def find_lattice(picture: Floats) -> Lattice:
     Raises:
         OpeningError: MF207 where it does not repeat along two directions, MF208 for less than two periods in view.
     """
+    from scipy import ndimage
+
     step = max(1, -(-max(picture.shape) // _WORKED))
     rows, columns = (length // step * step for length in picture.shape)
     small = picture[:rows, :columns].reshape(rows // step, step, columns // step, step).mean((1, 3))
-    first, second = _upright(*_shortest(_likeness(small / light(small, 2))))
+    smooth = ndimage.gaussian_filter(small, max(small.shape) / 3, mode="nearest")
+    first, second = _upright(*_shortest(_likeness(small / np.maximum(smooth, 1e-3))))
     middle = np.array([(columns - 1) / 2, (rows - 1) / 2])
     start = Lattice(np.block([[np.stack([first, second], 1) * step, middle[:, None]], [np.zeros((1, 2)), np.eye(1)]]))
     return refined(picture, start)
@@ -129,20 +138,6 @@ def middle(values: Floats) -> Floats:
     low, high = (np.take_along_axis(ordered, np.maximum(count - part, 0) // 2, 0)[0] for part in (1, 0))
     median: Floats = np.where(count[0] % 2, low, (low + high) / 2)
     return median
-
-
-def light(picture: Floats, degree: int) -> Floats:
-    """The smooth light of a picture, its polynomial of a degree, at least a tenth of the mean."""
-    rows, columns = picture.shape
-    step = max(1, max(picture.shape) // 200)
-    y, x = (np.polynomial.legendre.legvander(np.linspace(-1, 1, length), degree) for length in (rows, columns))
-    few = np.einsum("ya,xb->yxab", y[::step], x[::step])[..., np.add.outer(*[np.arange(degree + 1)] * 2) <= degree]
-    part = picture[::step, ::step]
-    found = np.linalg.lstsq(few.reshape(part.size, -1), part.ravel(), rcond=None)[0]
-    table = np.zeros((degree + 1, degree + 1))
-    table[np.add.outer(*[np.arange(degree + 1)] * 2) <= degree] = found
-    smooth: Floats = np.maximum(y @ table @ x.T, 0.1 * picture.mean())
-    return smooth
 
 
 def refined(picture: Floats, lattice: Lattice) -> Lattice:
@@ -164,19 +159,18 @@ def refined(picture: Floats, lattice: Lattice) -> Lattice:
         if periods.seen[within].sum() < 3:
             raise too_few(picture, lattice)
         at = np.stack([u[found[:, 1]], v[found[:, 0]]], 1)
-        lattice, moved = _matched(lattice, periods.values[within], at, projective=reach >= far)
+        lattice, moved, shift = _matched(lattice, periods.values[within], at, projective=reach >= far)
         if reach >= far:
             rounds += 1
             if moved * float(sides.max()) < 0.01 or rounds == 20:
-                return _told(lattice, periods.values[within], at, np.hypot(*lattice.middle_px(picture.shape)))
+                return replace(lattice, shift_px=shift * float(sides.max()), matched=len(found))
         reach = min(1.6 * reach, far)
 
 
 def too_few(picture: Floats, lattice: Lattice) -> OpeningError:
     """MF208: less than two periods along a side are in view."""
-    u0, v0, u1, v1 = np.array(lattice.periods(*np.array([[0.0, picture.shape[1]], [picture.shape[0], 0.0]]))).T.ravel()
-    what = f"{abs(u1 - u0):.1f} x {abs(v1 - v0):.1f} periods are in view; their mean needs 2 x 2"
-    return OpeningError("MF208", what, cure=_CURE)
+    u, v = np.ptp(lattice.across(picture.shape), axis=1)
+    return OpeningError("MF208", f"{u:.1f} x {v:.1f} periods are in view; their mean needs 2 x 2", cure=_CURE)
 
 
 def _likeness(picture: Floats) -> Floats:
@@ -281,8 +275,10 @@ def _upright(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return first, second
 
 
-def _matched(lattice: Lattice, values: Floats, at: Floats, *, projective: bool) -> tuple[Lattice, float]:
-    """A lattice moved so that periods [number, rows, columns] about ``at`` are most alike, and the largest move.
+def _matched(lattice: Lattice, values: Floats, at: Floats, *, projective: bool) -> tuple[Lattice, float, float]:
+    """A lattice moved so that periods [number, rows, columns] about ``at`` are most alike.
+
+    Beside it the largest move, and the rms by which single periods lie beside it then, both in periods.
 
     Their mean is unknown too, and is projected out of residuals and derivatives at once (variable projection), else a
     mean that is smeared would hold every period where it lies. Light varies by a polynomial of the second degree.
@@ -303,15 +299,19 @@ def _matched(lattice: Lattice, values: Floats, at: Floats, *, projective: bool) 
         outwards = right * u + up * v
         terms += [-u * outwards, -v * outwards]
     whole = np.stack([np.broadcast_to(term, values.shape) for term in [*terms, -filled]], -1)
-    weight, answer = seen.astype(float), np.zeros(len(terms))
+    weight, answer, left = seen.astype(float), np.zeros(len(terms)), filled
     for _ in range(3):  # dirt counts less each time
         total = np.maximum(weight.sum(0), 1e-9)[..., None]
         apart = whole - (weight[..., None] * whole).sum(0) / total
         rooted = (np.sqrt(weight)[..., None] * apart).reshape(-1, len(terms) + 1)
         product_ = rooted.T @ rooted
         answer = np.linalg.lstsq(product_[:-1, :-1], product_[:-1, -1], rcond=1e-10)[0]
-        off = np.abs(apart[..., -1] - apart[..., :-1] @ answer)
-        weight = seen / (1 + (off / (4 * np.median(off[seen]) + 1e-12)) ** 2)
+        left = apart[..., -1] - apart[..., :-1] @ answer
+        weight = seen / (1 + (left / (4 * np.median(np.abs(left[seen])) + 1e-12)) ** 2)
+    slopes = np.stack([right, up], -1) / near
+    normal = np.einsum("kyx,yxa,yxb->kab", weight, slopes, slopes)
+    single = np.linalg.solve(normal + 1e-9 * np.eye(2), np.einsum("kyx,yxa->ka", weight * left, slopes)[..., None])
+    shift = float(np.sqrt((single[seen.mean((1, 2)) > 0.5] ** 2).sum(1).mean())) if len(single) else 0.0
     change = np.eye(3)
     change[:2, :2] += answer[:4].reshape(2, 2)
     if projective:
@@ -319,35 +319,4 @@ def _matched(lattice: Lattice, values: Floats, at: Floats, *, projective: bool) 
     largest = float(np.abs(change - np.eye(3)).max())
     change = np.eye(3) + (change - np.eye(3)) * min(1.0, 0.15 / max(largest, 1e-12))
     scaled = np.diag([near, near, 1.0]) @ change @ np.diag([1 / near, 1 / near, 1.0])
-    return replace(lattice, matrix=lattice.matrix @ scaled), largest * near
-
-
-def _told(lattice: Lattice, values: Floats, at: Floats, sides: Floats) -> Lattice:
-    """The lattice with what is left between it and single periods, each matched with the mean by itself."""
-    whole = np.isfinite(values).mean((1, 2)) > 0.9
-    mean = middle(values)
-    moves = np.array([_shift(period, mean) for period in values[whole]]).reshape(-1, 2) * sides
-    rms = float(np.sqrt((moves**2).sum(1).mean())) if len(moves) else 0.0
-    return replace(lattice, shift_px=rms, matched=len(at))
-
-
-def _shift(period: Floats, mean: Floats) -> tuple[float, float]:
-    """Right and up by which a period lies beside the mean, in periods; light and slope of light may differ."""
-    rows, columns = mean.shape
-    seen = np.isfinite(period)
-    moved = np.zeros(2)
-    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    up, right = ((np.roll(mean, -1, axis) - np.roll(mean, 1, axis)) / 2 for axis in (0, 1))
-    terms = np.stack([mean, np.ones_like(mean), mean * x, mean * y, right, up], 2)[seen]
-    values, weight = period[seen], np.ones(int(seen.sum()))
-    for _ in range(3):  # dirt counts less each time
-        weighted = terms * weight[:, None]
-        try:
-            answer = np.linalg.solve(weighted.T @ terms, weighted.T @ values)
-        except np.linalg.LinAlgError:
-            return 0.0, 0.0
-        off = np.abs(values - terms @ answer)
-        weight = 1 / (1 + (off / (3 * np.median(off) + 1e-12)) ** 2)
-        moved = answer[4:] / (answer[0] if abs(answer[0]) > 1e-9 else 1.0)
-    limited = np.clip(-moved / (columns, rows), -0.1, 0.1)
-    return float(limited[0]), float(limited[1])
+    return replace(lattice, matrix=lattice.matrix @ scaled), largest * near, shift

@@ -17,7 +17,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import OpeningError
-from maskfab.display.lattice import Lattice, Periods, find_lattice, light, middle, too_few
+from maskfab.display.lattice import Lattice, Periods, find_lattice, middle, refined, too_few
 
 _SAMPLES = 720
 """Most samples along a cell; a picture that is finer is binned."""
@@ -114,12 +114,12 @@ def seen_cell(
     even = binned / _evened(binned, lattice)
     if clear == "dark":
         even = -even
-    mean = middle(Periods.of(even, lattice, (48, 48), 1).values.reshape(-1, 48, 48))
-    mean = (mean - mean.min()) / np.ptp(mean)
-    lattice = lattice.moved(*(_begin(mean.mean(axis)) / 48 for axis in (0, 1)))  # mirrors stand between openings
+    lattice = _between_openings(even, lattice)
     groups = _groups(even, lattice, pixels is None, where)
     lattice = lattice.of_groups(*groups)
-    if min(np.subtract(*np.array(_extent(binned.shape, lattice)).T[::-1])) < 1.98:
+    if max(groups) > 1:  # the mean of unlike periods had pulled it
+        lattice = refined(even, lattice)
+    if np.ptp(lattice.across(binned.shape), axis=1).min() < 1.98:
         raise too_few(binned, lattice)
     vectors = lattice.middle_px(binned.shape)
     sides = np.hypot(*vectors)
@@ -146,8 +146,7 @@ def seen_cell(
     edge = 2 * math.hypot(noise, common, shift_px)
     length = _border_length(outline > 0.5) * samples / len(outline)
     px_um, per_px = step * side / (pitch_um * across), step * side / samples
-    numbers = np.array(_extent(binned.shape, lattice))
-    lever = float(np.ptp(numbers, axis=1).mean() / math.sqrt(12))
+    lever = float(np.ptp(lattice.across(binned.shape), axis=1).mean() / math.sqrt(12))
     scale = max(lattice.shift_px, 0.02) / (math.sqrt(max(1.0, seen)) * lever * float(sides.mean()))
     whole = (laid.values[laid.seen > 0.999] > (low + high) / 2).mean(axis=(1, 2))
     back, turns = np.linalg.inv(scaled), np.degrees(np.arctan2(-vectors[1], vectors[0]))
@@ -173,17 +172,9 @@ def _check_clipped(picture: Floats, where: str) -> None:
             raise OpeningError("MF210", what, where=where, cure=cure)
 
 
-def _extent(shape: tuple[int, ...], lattice: Lattice) -> list[list[float]]:
-    """First and last period in view through the middle, along u and along v."""
-    high, wide = shape
-    u = lattice.periods(np.array([0.0, wide - 1]), np.full(2, (high - 1) / 2))[0]
-    v = lattice.periods(np.full(2, (wide - 1) / 2), np.array([high - 1, 0.0]))[1]
-    return [list(map(float, u)), list(map(float, v))]
-
-
 def _evened(picture: Floats, lattice: Lattice) -> Floats:
     """The smooth light over a picture: its quotient by the mean period, as a polynomial of the third degree."""
-    even = light(picture, 2)
+    even = np.full(picture.shape, picture.mean())
     rows, columns = picture.shape
     step = max(1, max(rows, columns) // 300)
     y, x = np.meshgrid(np.arange(0.0, rows, step), np.arange(0.0, columns, step), indexing="ij")
@@ -192,7 +183,7 @@ def _evened(picture: Floats, lattice: Lattice) -> Floats:
     at = tuple((part % 1 * samples).astype(int) for part in (v, u))
     powers = [(i, j) for i in range(4) for j in range(4 - i)]
     high, wide = (np.linspace(-1, 1, length) for length in (rows, columns))
-    for _ in range(3):
+    for _ in range(4):
         laid = Periods.of(picture / even, lattice, (samples, samples), 1)
         mean = middle(laid.values.reshape(-1, samples, samples))
         part, weight = np.nan_to_num(mean, nan=float(np.nanmedian(mean)))[at], np.ones(at[0].shape)
@@ -333,6 +324,13 @@ def _levels(mean: Floats, where: str) -> tuple[float, float, float, float]:
         low, high = (float(np.median(part)) for part in parts)
         spread = math.hypot(*(1.48 * float(np.median(np.abs(part - np.median(part)))) for part in parts)) / 2
     return low, high, spread, sigma
+
+
+def _between_openings(even: Floats, lattice: Lattice) -> Lattice:
+    """The lattice, its periods beginning where least is clear: mirrors stand between openings."""
+    mean = middle(Periods.of(even, lattice, (48, 48), 1).values.reshape(-1, 48, 48))
+    mean = (mean - mean.min()) / np.ptp(mean)
+    return lattice.moved(*(_begin(mean.mean(axis)) / 48 for axis in (0, 1)))
 
 
 def _begin(share: Floats) -> int:
