@@ -195,14 +195,14 @@ class Restoration(FolderResult):
 
     def _write(self, place: Annotated[Place, "FOLDER!"]) -> list[Path]:
         """``NAME.png`` (sRGB) and ``NAME.exr`` (linear, half), ``NAME_on_FIRST`` if moved, document and page."""
-        facts_of = {photo.name: photo.facts for photo in self.photos}
-        pictures = [(photo.name, photo.picture, photo.facts) for photo in self.photos]
-        pictures += [(f"{photo.name}_on_{photo.onto}", photo.picture, facts_of[photo.name]) for photo in self.brought]
+        of = {photo.name: photo for photo in self.photos}
+        pictures = [(photo.name, photo.picture, photo) for photo in self.photos]
+        pictures += [(f"{photo.name}_on_{photo.onto}", photo.picture, of[photo.name]) for photo in self.brought]
         with staged(place) as folder:
-            for name, picture, facts in pictures:
+            for name, picture, photo in pictures:
                 light = picture[:, ::-1].astype(np.float64)
-                write_png(light, folder / f"{name}.png")
-                write_exr(light, folder / f"{name}.exr", facts)
+                write_png(light, folder / f"{name}.png", exif=photo.exif)
+                write_exr(light, folder / f"{name}.exr", photo.facts)
             document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
             (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
             (folder / PAGE).write_text(self._page(), encoding="utf-8")

@@ -77,6 +77,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF153": "A job has several faults; each is told with its own code, place and cure.",
         "MF154": "A job is written for a later version of maskfab.",
         "MF156": "A length or wavelength makes no sense in its unit.",
+        "MF157": "The work was ended from outside before it was done.",
         "MF159": "Dots that a gradient is asked of are no tensor of openings, or the panel has no place for them.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
         "MF161": "A sweep asks for a quantity that no case has.",

@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -435,6 +436,20 @@ def _decibels(levels: Sequence[float]) -> str:
     return ", ".join(f"{level:g} dB" for level in levels)
 
 
+_WARMED = 2
+
+
+def step_seconds(course: Course, device: str) -> float:
+    """Seconds of a step, once it is warm, by steps on nothing."""
+    sides = course.patch
+    blank = Lesson(np.zeros((PLANES, *sides), dtype=np.float32), np.zeros((COLOURS, *sides), dtype=np.float32))
+    training = Training(course, lambda _: blank, device)
+    for _ in range(_WARMED):
+        begun = time.monotonic()
+        training.advance()
+    return time.monotonic() - begun
+
+
 LOOKS = 10
 """Times that a run judges and keeps what it has."""
 
@@ -480,18 +495,21 @@ class Run:
     ) -> Run:
         """One that begins, or goes on from a checkpoint."""
         levels = trade.levels
-        # What is to come takes no less than what made the die ready.
-        clock.require(clock.spent, SET_UP, "minutes")
+        # What is to come takes no less than what made the die ready, and then the fewest steps.
+        step = step_seconds(course, device)
+        steps = max(0, FEWEST - (int(before.state["step"]) if before else 0))
+        what, steps_s = f"{SET_UP}, and {steps} steps of {step:.2g} s,", steps * step
+        clock.require(clock.spent + steps_s, what, "minutes")
         held_back, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
         progress("scenes to judge by", 0, len(held_back))
-        view = before.view if before else fitted(protocol, design, levels, held_back, clock)
+        view = before.view if before else fitted(protocol, design, levels, held_back, clock, what, steps_s)
         lessons = Lessons(protocol, design, levels, view, others, course.seed)
         scenes = []
         begun = clock.spent
         for done, scene in enumerate(held_back, start=1):
             scenes.append(lessons.of(scene, levels[(done - 1) % len(levels)]))
             progress("scenes to judge by", done, len(held_back))
-            clock.require((clock.spent - begun) / done * (len(held_back) - done), SET_UP, "minutes")
+            clock.require((clock.spent - begun) / done * (len(held_back) - done) + steps_s, what, "minutes")
         made = cls(path, trade, design, Training(course, lessons, device), view, scenes, clock=clock)
         if before is not None:
             made.training.restore(before.state)
@@ -558,12 +576,22 @@ def row_words(row: Mapping[str, float]) -> str:
 
 
 def fitted(
-    protocol: Protocol, design: Design, levels: Sequence[float], scenes: Sequence[Photograph], clock: Clock
+    protocol: Protocol,
+    design: Design,
+    levels: Sequence[float],
+    scenes: Sequence[Photograph],
+    clock: Clock,
+    what: str,
+    then_s: float,
 ) -> View:
-    """The view whose second picture suits the scenes best, on average at every level."""
+    """The view whose second picture suits the scenes best, on average at every level.
+
+    Args:
+        what: of the clock's refusal, takes what is left and so many seconds more.
+    """
     strengths, begun = {}, clock.spent
     for done, level in enumerate(levels, start=1):
         table = evaluate([design], scenes, scenes, [level], protocol=protocol, restorers=(Dct(),), details=False)
         strengths[protocol.exposure(level).behind(design.transmission)] = table.scores[0].epsilon
-        clock.require((clock.spent - begun) / done * (len(levels) - done), SET_UP, "minutes")
+        clock.require((clock.spent - begun) / done * (len(levels) - done) + then_s, what, "minutes")
     return View(strengths)

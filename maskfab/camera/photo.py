@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -36,7 +36,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.chart import ChartMatrix
 from maskfab.camera.explained import EXPLAINED, FOREIGN, Explained, explain
-from maskfab.camera.frames.frame import Frame, Source, letters, read_frame
+from maskfab.camera.frames.frame import PICTURES, Frame, Source, letters, read_frame
 from maskfab.camera.frames.stack import require_gain
 from maskfab.camera.imaging import LARGE, Blur
 from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, squares, whitened
@@ -45,7 +45,7 @@ from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.camera.scenes import opaque
 from maskfab.camera.sensor import counted, gain_of_file
-from maskfab.display.pictures import read_picture
+from maskfab.display.pictures import exif_of, read_picture, turned
 from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import Fact
 from maskfab.optics.colour import light_of_code
@@ -148,6 +148,8 @@ class Photo:
     Attributes:
         balance: by which they are multiplied for a neutral white, the least of them 1.
         matrix: [3, 3] from balanced colours to linear sRGB.
+        orientation: tag by which it is still to be turned to be seen.
+        exif: of its file.
     """
 
     name: str
@@ -157,6 +159,8 @@ class Photo:
     matrix: Floats
     told: tuple[str, ...]
     noise_stated: bool = False
+    orientation: int = 1
+    exif: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_photo(path: Source, stated: Stated, *, cells: bool = False) -> Photo:
@@ -229,7 +233,13 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
     if frame.colour_matrix is None:
         how.append("the file has no colour matrix: its colours are taken for sRGB")
     known = stated.electrons_per_count is not None
-    return Photo(path.stem, frame.sha256, record, balance, matrix, (*sentences, *how, *cut), known)
+    if path.suffix.lower() in PICTURES[:-1]:
+        sentences.append(
+            "taken for counts that grow as the light does, for its file says nothing else: " + _TO_BE_CODED
+        )
+    told = (*sentences, *how, *cut)
+    exif = {} if path.suffix.lower() == ".exr" else exif_of(path)
+    return Photo(path.stem, frame.sha256, record, balance, matrix, told, known, frame.orientation, exif)
 
 
 def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
@@ -257,7 +267,8 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
     ]
     values, cut = _cut(light)
     record = Record(np.ascontiguousarray(values), noise, ceiling)
-    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), (*sentences, *cut))
+    told, turn = (*sentences, *cut), picture.orientation
+    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), told, orientation=turn, exif=exif_of(path))
 
 
 def _noise(
@@ -313,6 +324,7 @@ def _no_colours(path: Path, cure: str) -> SourceError:
     return SourceError("MF353", f"{path.name} has one colour, and photographs have three", where=str(path), cure=cure)
 
 
+_TO_BE_CODED = "a picture that was developed is to say so by its profile"
 MOST_STOPS = 16.0
 
 
@@ -412,6 +424,7 @@ class RestoredPhoto:
     told: tuple[str, ...]
     before: Singles
     explained: Explained
+    exif: Mapping[str, Any]
 
     @classmethod
     def of(
@@ -434,21 +447,26 @@ class RestoredPhoto:
             photo = replace(photo, matrix=colours.matrix)
             sentences = (*(text for text in sentences if "colour matrix" not in text), "colours by the chart")
         noise, dark = record.noise, np.zeros(1, dtype=np.float32)
-        picture = developed(photo, won.picture, stops)
+        picture, before = (
+            np.moveaxis(turned(np.moveaxis(developed(photo, light, stops), 0, -1), photo.orientation), -1, 0)
+            for light in (won.picture, record.values)
+        )
+        clipped = turned(np.asarray(record.clipped.any(axis=0)), photo.orientation)
         return cls(
             photo.name,
             photo.sha256,
             picture,
-            np.asarray(record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
+            np.asarray(clipped | (picture >= 1).any(axis=0)),
             blur,
             won.makers,
             won.epsilon,
             noise.electrons,
             float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
             float(photo.record.clipped.mean()),
-            sentences,
-            developed(photo, record.values, stops),
+            sentences if photo.orientation == 1 else (*sentences, "turned as its tag says that it is seen"),
+            before,
             explained,
+            photo.exif,
         )
 
     def to_dict(self) -> dict[str, Any]:

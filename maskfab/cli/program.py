@@ -71,11 +71,13 @@ def run_command_line(arguments: Sequence[str]) -> int:
         with _ended_by_signals():
             return _run(list(arguments))
     except _Ended as ended:
-        return 128 + ended.number
+        return _ended_early(128 + ended.number, "--json" in arguments)
     except typer.Exit as leaving:
-        return leaving.exit_code
+        # Of Ctrl-C typer makes this, too.
+        ended_early = leaving.exit_code == _INTERRUPTED
+        return _ended_early(_INTERRUPTED, "--json" in arguments) if ended_early else leaving.exit_code
     except (typer.Abort, KeyboardInterrupt):
-        return 130
+        return _ended_early(_INTERRUPTED, "--json" in arguments)
     except _UsageError as wrong:
         wrong.show()
         if "--json" in arguments:
@@ -248,6 +250,17 @@ def _ended_by_signals() -> Iterator[None]:
     finally:
         for sign, handler in before.items():
             signal.signal(sign, handler)
+
+
+_INTERRUPTED = 130
+
+
+def _ended_early(code: int, as_json: bool) -> int:
+    cure = "Give the same command again: run, sweep, study and learn go on from what they had finished"
+    _tell(
+        InputError("MF157", "the work was ended before it was done; nothing is left half-written", cure=cure), as_json
+    )
+    return code
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError, SourceError
@@ -35,6 +36,7 @@ class Picture:
         coded: whether the colours are sRGB code values (integers of any depth) rather than linear light (floats).
         associated: whether the colours are already multiplied by alpha.
         sensitivity: ISO speed of its EXIF; None where it has none.
+        orientation: tag by which its values are still to be turned to be seen.
     """
 
     values: Singles
@@ -42,6 +44,7 @@ class Picture:
     associated: bool
     where: str
     sensitivity: float | None = None
+    orientation: int = 1
 
 
 def read_picture(path: str | Path, *, upright: bool = True) -> Picture:
@@ -66,7 +69,9 @@ def read_picture(path: str | Path, *, upright: bool = True) -> Picture:
         with shown_alike(path) as shown:
             picture = _of_image(_opened(shown.path, where), where)
             picture = replace(picture, values=shown.positive(picture.values, 1.0))
-    return replace(picture, values=_turned(picture.values, orientation)) if upright else picture
+    if not upright:
+        return replace(picture, orientation=orientation)
+    return replace(picture, values=turned(picture.values, orientation))
 
 
 def picture_shape(path: Path) -> tuple[int, int]:
@@ -79,10 +84,26 @@ def picture_shape(path: Path) -> tuple[int, int]:
     return shape[::-1] if spec.get_int_attribute("Orientation", 1) in _LYING else shape
 
 
+_KEPT = ("Make", "Model", "DateTime", "ExposureTime", "FNumber")
+
+
+def exif_of(path: Path) -> dict[str, Any]:
+    """Camera, lens, date and exposure that a picture's file tells, by OpenImageIO's names; none where it tells none."""
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
+    image = oiio.ImageInput.open(str(path)) if path.is_file() else None
+    if image is None:
+        oiio.geterror()  # or it is told at the end of the process
+        return {}
+    told = {each.name: each.value for each in image.spec().extra_attribs}
+    image.close()
+    return {name: value for name, value in told.items() if name in _KEPT or name.startswith("Exif:")}
+
+
 _LYING = (5, 6, 7, 8)
 
 
-def _turned(values: Singles, orientation: int) -> Singles:
+def turned(values: NDArray[Any], orientation: int) -> NDArray[Any]:
     """Pixels [rows, columns, ...] as they are seen, of the tag Orientation of TIFF 6.0 and EXIF."""
     if orientation in _LYING:
         values = values.swapaxes(0, 1)

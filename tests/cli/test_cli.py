@@ -476,7 +476,10 @@ def test_an_interrupted_run_leaves_nothing(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("maskfab.runs.pipeline.measure_dies", interrupt)
     job = write_job(tmp_path)
     before = listing(tmp_path)
-    assert command(capsys, "run", job, "--out", tmp_path / "out", "--quiet").code == 130
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--quiet", "--json")
+    assert answer.code == 130
+    assert answer.document["error"]["code"] == "MF157"
+    assert "ended before it was done" in answer.stderr
     assert listing(tmp_path) == before
 
 

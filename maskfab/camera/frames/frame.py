@@ -71,6 +71,7 @@ class Frame:
         balance: factors of R, G and B that make white neutral.
         colour_matrix: float64 [3, 3], from balanced R, G, B to those of linear sRGB; None where the file has none.
         corner: row and column of the file that is pixel (0, 0) here.
+        orientation: tag of TIFF and EXIF that says how the file is to be turned to be seen, which its counts are not.
     """
 
     name: str
@@ -85,6 +86,7 @@ class Frame:
     sensitivity: float | None = None
     sha256: str = ""
     corner: tuple[int, int] = (0, 0)
+    orientation: int = 1
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -183,12 +185,19 @@ OF_BYTES, LEVELS_OF_BYTES = 257, 16
 """Step of 8 bits stretched to 16, and how many of its levels prove it."""
 
 
+def white_of_16_bits(values: NDArray[Any]) -> float:
+    """The largest number of 16 bits that a converter of fewer bits writes, whose levels were shifted upwards."""
+    used = int(np.bitwise_or.reduce(values, axis=None)) if values.size else 1
+    step = used & -used or 1
+    return float(np.iinfo(np.uint16).max // step * step)
+
+
 def frame_of_array(given: ArrayLike, name: str) -> Frame:
     """A frame of counts in memory, or of light: linear, row 0 the top.
 
     Args:
         given: [rows, columns], [rows, columns, 3] or [3, rows, columns], whole numbers of 16 bits or more, or floats;
-            white is 65535 of uint16, and unknown of others, black 0.
+            white is 65535 of uint16, or the last level of fewer bits that were shifted; unknown of others, black 0.
 
     Raises:
         SourceError: MF330 for 8 bits, stretched ones too, which are codes of a display; MF331 for another shape, or
@@ -211,7 +220,7 @@ def frame_of_array(given: ArrayLike, name: str) -> Frame:
         what = f"an array of {values.dtype}" if values.dtype.kind not in "uif" else "an array with values not finite"
         raise SourceError("MF333", f"{what} is no frame", where=name, cure="Give finite real numbers")
     counts = np.ascontiguousarray(planes, dtype=np.float32)
-    white = float(np.iinfo(np.uint16).max) if values.dtype == np.uint16 else math.inf
+    white = white_of_16_bits(values) if values.dtype == np.uint16 else math.inf
     sha256 = hashlib.sha256(counts.tobytes()).hexdigest()
     return Frame(name, counts, (0.0,) * (3 if counts.ndim == 3 else 1), white, sha256=sha256)
 
@@ -229,7 +238,7 @@ def read_frame(
     Args:
         path: ``.tif .tiff .png .exr``; anything else is taken for RAW. Or a frame in memory.
         black: counts of no light in every colour; what the file states, or 0, if None.
-        white: counts of a full pixel; what the file states, 65535 of 16 bits or infinite if None.
+        white: counts of a full pixel; what the file states, the last level of 16 bits or infinite if None.
         mosaic: ``rggb bggr grbg gbrg`` of a picture that holds a mosaic in grey.
 
     Raises:

@@ -32,6 +32,7 @@ from maskfab.camera.frames.frame import (
     Colour,
     Frame,
     Pattern,
+    white_of_16_bits,
 )
 from maskfab.mask.formats.tiff import TURN, said_by, shown_alike
 from maskfab.mask.process_limits import limit_share
@@ -41,6 +42,8 @@ _MEMORY, _MEMORY_PER_BYTE = 4 << 30, 8
 _SECONDS, _BYTES_PER_SECOND = 30, 2_000_000
 _LOSSY = {"jpeg", "jpg", "webp", "b44", "b44a", "dwaa", "dwab", "pxr24"}
 _CODED_CHUNKS = {b"sRGB": "sRGB code values", b"iCCP": "a colour profile", b"cICP": "code values of a display"}
+_ORIENTATIONS = {3: 3, 5: 8, 6: 6}
+"""Tags of LibRaw's flips."""
 _LINEAR_GAMMA = 100_000
 _CURE = "Save the frame as the camera's RAW, or as linear TIFF or PNG of 16 bits or EXR without loss"
 
@@ -67,6 +70,7 @@ def raw_frame(path: Path) -> Frame:
                 exposure_s=_decimal(raw.other.shutter_speed),
                 balance=(balance[0], balance[1], balance[2]) if min(balance) > 0 else None,
                 colour_matrix=matrix if matrix.any() and np.isfinite(matrix).all() else None,
+                orientation=_ORIENTATIONS.get(sizes.flip, 1),
                 **_maker(path, raw.other.iso_speed),
             )
             return (
@@ -162,10 +166,11 @@ def _of_picture(path: Path, shown: Path) -> Frame:
         name=path.name,
         counts=np.ascontiguousarray(planes[0] if len(planes) == 1 else planes),
         black=(0.0,) * len(planes),
-        white=65535.0 if whole else float("inf"),
+        white=white_of_16_bits(values) if whole else float("inf"),
         exposure_s=_decimal(spec.get_float_attribute("ExposureTime", 0.0)),
         camera=" ".join(spec.get_string_attribute(name) for name in ("Make", "Model")).strip(),
         sensitivity=float(spec.get_int_attribute("Exif:PhotographicSensitivity")) or None,
+        orientation=spec.get_int_attribute("Orientation", 1),
     )
 
 
@@ -186,13 +191,10 @@ def _check_kind(path: Path, spec: Any, pages: int) -> None:
             if name == b"gAMA" and len(content) == 4 and struct.unpack(">I", content)[0] != _LINEAR_GAMMA:
                 raise _coded(path, f"states a gamma of {struct.unpack('>I', content)[0] / _LINEAR_GAMMA:g}, not 1")
     names = tuple(str(name).upper() for name in spec.channelnames)
-    turned = spec.get_int_attribute("Orientation", 1) != 1
-    if pages > 1 or turned or not (names == PLANE_COLOURS or (len(names) == 1 and spec.alpha_channel < 0)):
-        fault = (
-            "several pages" if pages > 1 else "a tag that turns it" if turned else f"the channels {', '.join(names)}"
-        )
+    if pages > 1 or not (names == PLANE_COLOURS or (len(names) == 1 and spec.alpha_channel < 0)):
+        fault = "several pages" if pages > 1 else f"the channels {', '.join(names)}"
         what = f"{path.name} has {fault}; a frame is one picture in grey or in red, green and blue"
-        cure = "Save one picture a file, not turned and without transparency"
+        cure = "Save one picture a file, without transparency"
         raise SourceError("MF308", what, where=str(path), cure=cure)
 
 

@@ -97,13 +97,20 @@ def _check_black(frames: Sequence[Frame]) -> None:
     if long + max(timed[-1].black) >= timed[-1].white:
         return
     if short > _LEAST_FLOOR_COUNTS and abs(long / short - 1) < _GROWS * (ratio - 1):
-        level = max(timed[0].black) + (ratio * short - long) / (ratio - 1)
+        level = _level_of_no_light(timed[0], timed[-1], ratio)
         what = (
             f"the darkest pixels of {timed[0].name} and {timed[-1].name} have {short:.0f} and {long:.0f} counts above "
             f"black, although the times are {timed[0].exposure_s:g} s and {timed[-1].exposure_s:g} s"
         )
         cure = f"State the black level, such as --black {level:.0f}"
         raise SourceError("MF333", what, where=timed[0].name, cure=cure)
+
+
+def _level_of_no_light(short: Frame, long: Frame, ratio: float) -> float:
+    """Counts to which darker pixels of two exposures lead, the one longer by a factor, in their mean: quantiles of
+    noise and of few levels lie below it."""
+    dark = long.counts <= np.median(long.counts)
+    return float((ratio * short.counts[dark].mean() - long.counts[dark].mean()) / (ratio - 1))
 
 
 _AROUND = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])

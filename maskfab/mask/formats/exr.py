@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -128,11 +129,12 @@ def write_exr(light: Floats, path: Path, facts: Facts) -> None:
     write_channels(_upright(light).astype(np.float16), ("R", "G", "B"), path, facts)
 
 
-def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
+def write_png(light: Floats, path: Path, white: float = 1.0, exif: Mapping[str, Any] = MappingProxyType({})) -> None:
     """Write linear light as 8-bit sRGB (IEC 61966-2-1); ``white`` is what becomes 255, more is cut off.
 
     Args:
         light: [3, y, x] or [y, x, 3], row 0 the lowest.
+        exif: of a photograph, by OpenImageIO's names.
     """
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
@@ -143,6 +145,8 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
     height, width, channels = pixels.shape
     header = oiio.ImageSpec(width, height, channels, "uint8")
     header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    for name, value in exif.items():
+        header.attribute(name, value)
     write_image(pixels, header, path)
 
 

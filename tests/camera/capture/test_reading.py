@@ -15,8 +15,9 @@ import tifffile
 from capture_frames import BLACK, GAIN, READ_NOISE, WHITE, frame, point_light
 
 from maskfab.base.errors import MissingPackageError, SourceError
-from maskfab.camera.frames.frame import read_frame, read_frames
+from maskfab.camera.frames.frame import Frame, frame_of_array, read_frame, read_frames
 from maskfab.camera.frames.merge import merged
+from maskfab.camera.frames.stack import check_stack
 
 raw_only = pytest.mark.skipif(find_spec("rawpy") is None, reason="RAW files need rawpy, of the extra raw")
 
@@ -195,3 +196,23 @@ def test_levels_and_times_that_cannot_be_are_refused(tmp_path):
     refusal("MF333", path, black=4095, white=4095)
     refusal("MF332", path, times_s=[0.0])
     refusal("MF332", path, times_s=[1.0, 2.0])
+
+
+@pytest.mark.parametrize(("bits", "white"), [(16, 65535.0), (14, 65532.0), (12, 65520.0)])
+def test_levels_of_fewer_bits_that_were_shifted_end_where_the_converter_does(bits, white):
+    counts = np.random.default_rng(bits).integers(0, 1 << bits, (32, 32)).astype(np.uint16) << (16 - bits)
+    assert frame_of_array(counts, "shifted").white == white
+
+
+def test_the_black_level_that_is_advised_is_that_of_the_counts():
+    random = np.random.default_rng(1)
+    light = np.zeros((64, 64))
+    light[28:36, 28:36] = 900.0
+    frames = []
+    for time in (1, 32):
+        counts = 16 * np.floor((random.normal(512, 20, light.shape) + time * light) / 16)
+        frames.append(Frame(f"{time}.tif", counts.astype(np.float32), (0.0,), 65535.0, exposure_s=1e-3 * time))
+    with pytest.raises(SourceError, match="MF333") as caught:
+        check_stack(frames)
+    advised = float(caught.value.cure.rpartition(" ")[2])
+    assert abs(advised - (512 - 8)) < 3

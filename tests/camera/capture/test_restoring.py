@@ -270,3 +270,21 @@ def test_dies_are_compared_on_one_scene_with_colours_by_its_chart(capsys, tmp_pa
     assert [each["blur"][0] for each in document["photos"]] == [
         f"PSF measured, 25 x 25 pixels of psf_{name}.exr" for name in "ab"
     ]
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_a_photograph_is_written_as_it_is_seen_with_what_its_file_told(tmp_path, orientation):
+    codes = np.moveaxis(np.rint(255 * scene() ** (1 / 2.2)).astype(np.uint8), 0, -1)
+    exif = Image.Exif()
+    exif[0x0112], exif[0x010F], exif[0x0110] = orientation, "Maker", "Model"
+    for name, tag in (("lying", exif), ("plain", None)):
+        Image.fromarray(codes).save(tmp_path / f"{name}.jpg", quality=95, **({"exif": tag} if tag else {}))
+    spot = np.pad(np.ones((3, 1, 1)), ((0, 0), (4, 4), (4, 4)))
+    psf = write_light(tmp_path / "psf.exr", spot)
+    made = mf.restore([tmp_path / "lying.jpg", tmp_path / "plain.jpg"], psf=psf, trust=True, restore="wiener")
+    made.save(tmp_path / "out")
+    lying, plain = (Image.open(tmp_path / "out" / f"{name}.png") for name in ("lying", "plain"))
+    turns = {3: 2, 6: 3, 8: 1}[orientation]
+    assert np.array_equal(np.asarray(lying), np.rot90(np.asarray(plain), turns))
+    assert (lying.getexif().get(0x010F), lying.getexif().get(0x0112, 1)) == ("Maker", 1)
+    assert any("turned as its tag says" in each for each in made.photos[0].told)
