@@ -69,13 +69,13 @@ def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command; every failure becomes an exit code and one message."""
     try:
         with _ended_by_signals():
-            return _run(list(arguments))
+            code = _run(list(arguments))
+            # Typer makes a code of Ctrl-C.
+            return code if code != _INTERRUPTED else _ended_early(code, "--json" in arguments)
     except _Ended as ended:
         return _ended_early(128 + ended.number, "--json" in arguments)
     except typer.Exit as leaving:
-        # Of Ctrl-C typer makes this, too.
-        ended_early = leaving.exit_code == _INTERRUPTED
-        return _ended_early(_INTERRUPTED, "--json" in arguments) if ended_early else leaving.exit_code
+        return leaving.exit_code
     except (typer.Abort, KeyboardInterrupt):
         return _ended_early(_INTERRUPTED, "--json" in arguments)
     except _UsageError as wrong:
