@@ -12,6 +12,7 @@ import sys
 import time
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -97,11 +98,13 @@ def psnr(found: Singles, light: Singles) -> float:
     return float(-10 * np.log10(np.square(one - other).mean()))
 
 
-def judged(record: Record, light: Singles, blur: Blur) -> tuple[Explained, float, float]:
+def judged(record: Record, light: Singles, said: str, f_number: float) -> tuple[Explained, float, float]:
     """The verdict, decibels above the record, and seconds of the processor."""
+    blur = designed(said, f_number)
+    rivals = {name: partial(designed, name, f_number) for name in JOB.panels() if name != said}
     start = time.process_time()
     photo = Photo("p", "", record, (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
-    _, won, found, _ = restored_light(photo, blur, (Wiener(),), chosen=False, epsilon=None, bin=False)
+    _, won, found, _ = restored_light(photo, blur, (Wiener(),), chosen=False, epsilon=None, bin=False, rivals=rivals)
     spent = time.process_time() - start
     return found, psnr(won.picture, light) - psnr(record.values, light), spent
 
@@ -125,7 +128,7 @@ def main(arguments: list[str]) -> None:
         one = Draw(photo, die, said, float(draw.choice(STOPS)), int(draw.choice(LEVELS_DB)))
         kernels = spread(die, one.f_number, keep)
         record, light = taken(photographs[photo], kernels, one.level_db, number, int(stated.get("side", 384)))
-        found, gained, spent = judged(record, light, designed(said, one.f_number))
+        found, gained, spent = judged(record, light, said, one.f_number)
         fault = "REFUSED" if not wrong and found.verdict == FOREIGN else "WORSE" if gained < -0.1 else ""
         told["wrong" if wrong else "right", found.verdict] += 1
         told["wrong" if wrong else "right", fault or "well"] += 1
