@@ -16,8 +16,10 @@ from scipy import ndimage, signal
 import maskfab as mf
 from maskfab.camera.blur import MeasuredBlur
 from maskfab.camera.die_transfer import die_transfer
-from maskfab.camera.explained import EXPLAINED, FOREIGN, explain
+from maskfab.camera.explained import EXPLAINED, FOREIGN, UNSURE, explain
 from maskfab.camera.noise_spectrum import noise_of, whitened
+from maskfab.camera.panel_power import Comparison
+from maskfab.camera.panel_spectrum import Seen, Shape
 from maskfab.camera.photo import Photo, Stated, estimated_noise, read_photo, restored_light
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.choice import restored
@@ -50,17 +52,17 @@ def dies():
 
 
 @cache
-def designed(die):
+def designed(die, stop="2 mm"):
     """Its transfer as designed."""
-    return die_transfer(die, dies()[die], mf.Camera("10 mm", **LENS).model)
+    return die_transfer(die, dies()[die], mf.Camera("10 mm", **{**LENS, "stop": stop}).model)
 
 
 @cache
-def spread(die, scale=1.0, turn=0.0, waves=0.0, pixels=PIXELS):
+def spread(die, scale=1.0, turn=0.0, waves=0.0, pixels=PIXELS, stop_um=2000.0):
     """The true PSF of three colours, [3, pixels, pixels], the sum of each 1; two samples along a pixel to turn it."""
     optics = [
         Optics(
-            2000.0,
+            stop_um,
             1e4 * scale,
             2.0 if turn else 4.0,
             2 * pixels if turn else pixels,
@@ -193,6 +195,34 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
     # Another die of the job is named where it explains more.
     beaten = explain(seen, designed("stripes"), noise, {"bars": lambda: designed("bars")})
     assert (beaten.verdict, beaten.rival and beaten.rival[0]) == (FOREIGN, "bars")
+
+
+def test_a_stop_of_few_cells_is_told_by_structure_as_wide_as_a_scenes():
+    """What is wide in |H|² once passed for the scene's: 0.1 to 0.2 of it was found behind the right die."""
+    record, light = taken(2, spread("scattered", stop_um=1600.0), 20000.0, 1)
+    seen = Record(record, Noise(20000.0, READ_E))
+    noise, _ = noise_of(seen, stated=True)
+    right, wrong = (explain(seen, designed(die, "1.6 mm"), noise) for die in ("scattered", "bars"))
+    assert (right.verdict, wrong.verdict) == (EXPLAINED, FOREIGN)
+    assert right.share > 0.8
+    assert right.setting.gain == pytest.approx(right.power.expected, abs=3 * right.power.deviation)
+    assert right.power.told > 0.95
+    assert f"with {100 * right.power.told:.0f} %" in right.sentence
+    # The strength of the scene behind the blur: that of the record alone lost up to 10 dB.
+    blur, spectrum = designed("scattered", "1.6 mm"), Seen.of(record, noise)
+    restorer = Wiener().prepare(seen, blur)
+    best = max(psnr(restorer(epsilon), light) for epsilon in np.geomspace(1e-4, 1, 13))
+    strength = Comparison(spectrum, Shape.of(blur, spectrum.plane)).strength()
+    assert psnr(restorer(strength), light) > best - 0.5
+
+
+def test_a_photograph_that_could_tell_nothing_refuses_nothing_and_names_no_die():
+    record, _ = taken(4, spread("bars"), 10.0, 1)
+    seen = Record(record, Noise(10.0, READ_E))
+    noise, _ = noise_of(seen, stated=True)
+    found = explain(seen, designed("bars"), noise, {"lattice": lambda: designed("lattice")})
+    assert found.power.told < 0.9
+    assert (found.verdict, found.rival) == (UNSURE, None)
 
 
 @pytest.mark.parametrize("asked", [{"trust": True, "epsilon": None}, {"epsilon": 0.01}])
