@@ -395,8 +395,9 @@ class Setting:
         )
 
     def beside(self, bench: Mapping[str, float]) -> Setting:
-        """This setting with some values of the bench, added or in place of those that it has."""
-        return replace(self, bench=tuple({**dict(self.bench), **bench}.items()))
+        """This setting with values of the bench, added or in place of those that it has, as near as they can be."""
+        values = {**dict(self.bench), **bench}
+        return replace(self, bench=tuple((name, within(name, value)) for name, value in values.items()))
 
     @property
     def told(self) -> Setting:
@@ -651,7 +652,7 @@ class DieImage:
 
 
 def _intensity(field: Complexes, energy_um2: float) -> Floats:
-    return np.asarray((field.real**2 + field.imag**2) / energy_um2)
+    return np.asarray((field.real**2 + field.imag**2) / max(energy_um2, 1e-300))
 
 
 def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V], most: int = _KEPT) -> _V:
