@@ -32,7 +32,7 @@ def told(light, colours=None, seed=2):
         {"ONE": DIE},
         before,
         {colour: line_spectrum([line]) for colour, line in lines.items()},
-        promise=Promise(ordered_um=0.6),
+        promise=Promise(ordered_um=1.5),
         priced=False,
     )
 

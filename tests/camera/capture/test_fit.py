@@ -9,7 +9,6 @@ import pytest
 from camera.capture.captured_dies import GAIN, READ_NOISE, exposed, exposed_each, phased_picture, polygon_picture
 from optics_cases import camera, noise, panel, pupil
 
-from maskfab.base.errors import SourceError
 from maskfab.camera.frames.merge import merged
 from maskfab.camera.inspection.die_image import (
     MARGIN,
