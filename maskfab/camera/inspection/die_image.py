@@ -41,6 +41,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.camera.inspection.bench import (
     AXIAL,
     AXIAL_BEND,
+    FULL,
     LATERAL,
     OF_PUPIL,
     PER_NM,
@@ -398,6 +399,12 @@ class Setting:
         """This setting with values of the bench, added or in place of those that it has, as near as they can be."""
         values = {**dict(self.bench), **bench}
         return replace(self, bench=tuple((name, within(name, value)) for name, value in values.items()))
+
+    @property
+    def of_a_point(self) -> Setting:
+        """This setting in the light of one point, whose lines are as stated: as it stands before other scenes."""
+        bench = tuple((name, value) for name, value in self.bench if name not in FULL)
+        return replace(self, lamp=None, bench=bench)
 
     @property
     def told(self) -> Setting:

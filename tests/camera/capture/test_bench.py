@@ -23,8 +23,8 @@ def optics(diameter_um=800.0, lines=None, **more):
     return Optics(diameter_um, 1e4, 2.0, SIDE, lines or {530.0: 1.0}, **more)
 
 
-def told(light, colours=None, seed=2):
-    frames = Stack(light, pattern=MOSAIC if colours else None).frames(seed)
+def told(light, colours=None, *, priced=False):
+    frames = Stack(light, pattern=MOSAIC if colours else None).frames(2)
     lines = colours or {"-": 530.0}
     before = camera(800.0, wavelengths=tuple(lines.values()), window_um=2.0 * SIDE)
     return measured(
@@ -33,7 +33,7 @@ def told(light, colours=None, seed=2):
         before,
         {colour: line_spectrum([line]) for colour, line in lines.items()},
         promise=Promise(ordered_um=1.5),
-        priced=False,
+        priced=priced,
     )
 
 
@@ -72,7 +72,8 @@ def test_a_line_that_is_a_band_and_a_lamp_that_is_a_disc_are_told_as_they_are(do
     wide = told(picture(dots, optics(lines=flat_band(530.0, 30.0))))
     assert sure(wide)
     assert holds(wide, "captured_bandwidth", 30.0)
-    lit = told(lamp_picture(dots, optics(), 10.0))
+    lit = told(lamp_picture(dots, optics(), 10.0), priced=True)
+    assert {each.of for each in lit.costs} >= {"bias_um"}
     assert sure(lit)
     assert holds(lit, "captured_light_width", 10.0)
 
