@@ -128,18 +128,20 @@ def light_of(die: str, bias_um: float, stop_um: float, fault: Fault, at_um: tupl
 
 @dataclass
 class Row:
-    """Draws of one kind; ``covered`` by the name of a number, whether its 95 % held the truth."""
+    """Draws of one kind: by the name of a number, whether its 95 % held the truth, and how often it was not told."""
 
     name: str
     answers: Counter[str] = field(default_factory=Counter)
     wrong: int = 0
     covered: dict[str, list[bool]] = field(default_factory=dict)
+    untold: Counter[str] = field(default_factory=Counter)
     halves: list[float] = field(default_factory=list)
     factors: list[float] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
     def __str__(self) -> str:
         told = ", ".join(f"{name} {np.mean(held):.0%} of {len(held)}" for name, held in self.covered.items())
+        told += "".join(f", {name} not told in {count}" for name, count in self.untold.items() if count)
         answers = ", ".join(f"{count} {answer}" for answer, count in sorted(self.answers.items()))
         half = f"CD ± {np.median(self.halves):.3f}" if self.halves else "no CD"
         return (
@@ -182,12 +184,13 @@ def row(name: str, stop_um: float, draws: int) -> Row:
                 values[short], errors[short] = width, width * errors[full] / (2 * values[full])
         found.halves.append(1.96 * errors["bias_um"])
         for value, truth in {"bias_um": bias, **fault.truth}.items():
-            held = abs(values.get(value, 0.0) - truth) <= 1.96 * errors[value] if value in values else not truth
-            found.covered.setdefault(value, []).append(bool(held))
-            if not held:
-                print(
-                    f"   {name} {draw} {die}: {value} {values.get(value)} ± {1.96 * errors.get(value, 0):.4f} for {truth}"
-                )
+            if value not in values:
+                found.untold[value] += truth != 0
+                continue
+            half = 1.96 * errors[value]
+            found.covered.setdefault(value, []).append(abs(values[value] - truth) <= half)
+            if not found.covered[value][-1]:
+                print(f"   {name} {draw} {die}: {value} {values[value]:.4f} ± {half:.4f} for {truth:.4f}")
     return found
 
 

@@ -52,13 +52,15 @@ STEPS = {
     LIGHT_BELL: 0.05,
     BAND_FLAT: 1.0,
     BAND_BELL: 1.0,
-    AXIAL: 0.005,
-    AXIAL_BEND: 0.005,
+    AXIAL: 0.001,
+    AXIAL_BEND: 0.001,
     LATERAL_X: 0.02,
     LATERAL_Y: 0.02,
 }
 """By which each is moved for its slope; the stop's edge by far less than a dot."""
 _STRAIGHT, _BENT = 0.05, 1.0
+_LEAST_SHARE = 0.5
+"""Of the stated stop, below which none is looked for."""
 _MOST = 900.0
 """Largest variance of either kind: lights wider than the speckles' reach tell nothing, nor do bands of 100 nm."""
 PER_NM = 0.01
@@ -83,7 +85,7 @@ def within(name: str, value: float) -> float:
 def opened(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float], orders: int) -> Opened:
     """The die as it lies before the stop, whose middle is the origin; cut dots with moments of so many orders."""
     right, up = bench.get(DIE_X, 0.0), bench.get(DIE_Y, 0.0)
-    true = stop.scaled(*[1 + bench.get(STOP, 0.0) / stop.diameter_um] * 2)
+    true = stop.scaled(*[max(_LEAST_SHARE, 1 + bench.get(STOP, 0.0) / stop.diameter_um)] * 2)
     openings = panel_aperture(panel, true.diameter_um / 2 + max(abs(right), abs(up)))
     x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
     values, variance = (orient(each, way_round) for each in (openings.transmission, openings.variance))
@@ -131,7 +133,7 @@ def _cut_again(pupil: Pupil, other: Pupil) -> Pupil:
 
 
 def edge_inside_um(panel: Panel, way_round: int, stop: Stop, bench: Mapping[str, float]) -> float:
-    """How far the stop reaches beyond the die's edge, as drawn; negative where it does not."""
+    """Reach of the stop beyond the die's edge, as drawn; negative where it ends before."""
     openings = panel_aperture(panel)
     x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
     radius = (stop.diameter_um + bench.get(STOP, 0.0)) / 2

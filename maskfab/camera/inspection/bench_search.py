@@ -46,7 +46,7 @@ from maskfab.camera.inspection.fit import (
 )
 
 _WIDEST_UM, _FINEST_UM = 256.0, 1.0
-_FARTHEST_UM = 1000.0
+_FARTHEST_UM, _STOP_SHARE = 1000.0, 0.1
 _PER_PERIOD = 4
 _DEMANDED = 25.0
 """Fall of chi², over the noise that is left, from which a value is another than stated."""
@@ -99,11 +99,15 @@ def _steps(image: DieImage, taken: Sequence[Taken], start: Setting, names: Seque
     def chi2(at: Setting) -> float:
         return judged(taken, image.pictures(at), at).chi2
 
+    panel, diameter_um = image.panel, image.camera.stop.diameter_um
+    # A die that has left the stop makes no picture.
+    farthest = dict.fromkeys(names, min(_FARTHEST_UM, min(panel.orientations.shape) * panel.cell_size.pitch_um / 2))
+    farthest[STOP] = _STOP_SHARE * diameter_um
     best = chi2(start)
     while step >= _FINEST_UM:
         bench = dict(start.bench)
         tried = [start.beside({name: bench[name] + sign * step}) for name in names for sign in (1, -1)]
-        near = (each for each in tried if max(abs(value) for _, value in each.bench) <= _FARTHEST_UM)
+        near = (each for each in tried if all(abs(dict(each.bench)[name]) <= farthest[name] for name in names))
         least, there = min(((chi2(each), each) for each in near), key=lambda pair: pair[0], default=(best, start))
         if least < best:
             best, start = least, there
@@ -212,21 +216,24 @@ def _with_place(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Pro
 
 
 def _with_cut(image: DieImage, taken: Sequence[Taken], fit: Fit, progress: Progress) -> Fit | None:
-    """The fit with a barrel that cuts the light, if one explains much of what errors of the lens do not."""
-    if CUT_BEND in dict(fit.setting.bench):
-        return None
-    first = tuple((term, 0.0) for term in FIRST_TERMS)
-    fresh = replace(fit.setting, terms=first, bias_um=0.0, turn_rad=0.0, scale=0.0)
-    small, near = _middle(image, taken)
+    terms = tuple((term, 0.0) for term in FIRST_TERMS)
+    fresh = replace(fit.setting, terms=terms, bias_um=0.0, turn_rad=0.0, scale=0.0)
+    found = cut_found(*_middle(image, taken), fresh)
+    return None if found == fresh else fitted(image, taken, found, progress)
+
+
+def cut_found(image: DieImage, taken: Sequence[Taken], setting: Setting) -> Setting:
+    """A setting with a barrel that cuts the light, if one explains much of what is left; else as it was."""
+    fit = judged(taken, image.pictures(setting), setting)
+    if fit.chi2 / fit.freedom <= most_noise(fit) or CUT_BEND in dict(setting.bench):
+        return setting
     tried = []
     for bend in _BENDS:
-        start = fresh.beside({**dict.fromkeys(CUT[:2], 0.0), CUT_BEND: bend})
-        found = _steps(small, near, start, CUT[:2], image.camera.stop.diameter_um / _CUT_STEPS)
-        tried.append((judged(near, small.pictures(found), found).chi2, found))
+        start = setting.beside({**dict.fromkeys(CUT[:2], 0.0), CUT_BEND: bend})
+        found = _steps(image, taken, start, CUT[:2], image.camera.stop.diameter_um / _CUT_STEPS)
+        tried.append((judged(taken, image.pictures(found), found).chi2, found))
     _, found = min(tried, key=lambda pair: pair[0])
-    if not _explains(small, near, fresh, found):
-        return None
-    return fitted(image, taken, found, progress)
+    return found if _explains(image, taken, setting, found) else setting
 
 
 def _begun(image: DieImage, taken: Sequence[Taken], at: Setting, names: Sequence[str]) -> Setting:

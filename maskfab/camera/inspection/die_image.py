@@ -3,9 +3,14 @@
 A lens without errors makes one picture of all colours, in frequencies; its errors, told as a path, change that smoothly
 with the wavelength, so that three lines of it stand for all others between them.
 
-On a grid of dots with transmission t the field is Σ t exp(2πi W) w² sinc(uw) sinc(vw) exp(-2πi (ux + vy)), the phase W
-taken at the middle of each dot. Clear features that are wider by β, half of it on each side, add β/2 times the field of
-the edges between clear and closed, and β²/4 that of their corners, which is exact but for (πuβ)² / 24 of itself.
+On a grid of dots with transmission t the field is T = Σ t exp(2πi W) w² sinc(uw) sinc(vw) exp(-2πi (ux + vy)), the
+phase W taken at the middle of each dot. Clear features that are wider by β, half of it on each side, hold strips along
+all their edges. A strip's transform is that of its middle; that of all edges, those to the right less those to the
+left, is -2πiu T. So along each axis a wider T is exactly
+
+    cos(πuβ) T + β/2 sinc(uβ) E,
+
+E the field of the edges between clear and closed; both axes together add β²/4 times that of the corners.
 Dots that the stop cuts hold the moments of what is left of them, of second degree and below.
 
 The picture is band-limited, on a grid, and taken by pixels that lie anywhere, are of any size, and turned against it.
@@ -36,6 +41,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.camera.inspection.bench import (
     AXIAL,
     AXIAL_BEND,
+    FULL,
     LATERAL,
     OF_PUPIL,
     PER_NM,
@@ -243,11 +249,20 @@ class DieField:
             _along(corners * self._phasor(edges_x, edges_y, terms), self._lines_x),
         )
 
-    def field(self, rows: Complexes | Floats, lines: Complexes | Floats | None = None) -> Complexes:
+    def widened(self, bias_um: float) -> tuple[Floats, Floats]:
+        """Factors of waves, [2 n], along an axis: of dots, and of the lines along which they grow by half a bias."""
+        phase = np.tile(self.frequencies, 2) * bias_um
+        return np.asarray(np.cos(np.pi * phase)), np.asarray(np.sinc(phase))
+
+    def field(
+        self, rows: Complexes | Floats, lines: Complexes | Floats | None = None, bias_um: float = 0.0
+    ) -> Complexes:
         """Field [2 n - 1, 2 n - 1] of waves along x of every row of dots, and of every line between two rows."""
         if lines is None:
             return _crossed(self._along_y, rows)
-        return _crossed(np.concatenate([self._along_y, self._lines_y]), np.concatenate([rows, lines]))
+        dots, edges = self.widened(bias_um)
+        waves = np.concatenate([self._along_y * dots, self._lines_y * edges])
+        return _crossed(waves, np.concatenate([rows, lines]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,8 +289,9 @@ class LensField:
         if not bias_um:
             return self.die.field(self._dots) + self._rim
         upright, level, corners = self._outlines
-        half = bias_um / 2
-        return self.die.field(self._dots + half * upright, half * level + half**2 * corners) + self._rim
+        half, (dots, edges) = bias_um / 2, self.die.widened(bias_um)
+        rows, lines = self._dots * dots + half * upright * edges, half * level * dots + half**2 * corners * edges
+        return self.die.field(rows, lines, bias_um) + self._rim
 
     def by_bias(self, bias_um: float) -> Complexes:
         """Change of the field with the width of clear features, per micrometre."""
@@ -380,8 +396,15 @@ class Setting:
         )
 
     def beside(self, bench: Mapping[str, float]) -> Setting:
-        """This setting with some values of the bench, added or in place of those that it has."""
-        return replace(self, bench=tuple({**dict(self.bench), **bench}.items()))
+        """This setting with values of the bench, added or in place of those that it has, as near as they can be."""
+        values = {**dict(self.bench), **bench}
+        return replace(self, bench=tuple((name, within(name, value)) for name, value in values.items()))
+
+    @property
+    def of_a_point(self) -> Setting:
+        """This setting in the light of one point, whose lines are as stated: as it stands before other scenes."""
+        bench = tuple((name, value) for name, value in self.bench if name not in FULL)
+        return replace(self, lamp=None, bench=bench)
 
     @property
     def told(self) -> Setting:
@@ -636,7 +659,7 @@ class DieImage:
 
 
 def _intensity(field: Complexes, energy_um2: float) -> Floats:
-    return np.asarray((field.real**2 + field.imag**2) / energy_um2)
+    return np.asarray((field.real**2 + field.imag**2) / max(energy_um2, 1e-300))
 
 
 def _kept(kept: dict[_K, _V], key: _K, made: Callable[[], _V], most: int = _KEPT) -> _V:

@@ -18,7 +18,8 @@ import scipy
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Panel
 from maskfab.base.work import Progress, silent
-from maskfab.camera.inspection.bench_search import place_found
+from maskfab.camera.inspection.bench import CUT_BEND
+from maskfab.camera.inspection.bench_search import cut_found, place_found
 from maskfab.camera.inspection.die_image import DieImage, Setting, gathered
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -35,6 +36,11 @@ WAYS_ROUND = (0, 1, 4, 5)
 """Elements of D4 that are told apart; each stands for itself and for itself turned by 180 degrees."""
 _REACH_UM = 45.0
 """Half the side of what is looked at first: a small turn or stretch moves nothing there by a speckle."""
+_SEARCHED, _SEARCHED_CUT = 6, 3
+"""Hypotheses whose place before the stop is looked for, and what cuts their light."""
+_FAR_BELOW = 0.2
+_LENS = tuple(range(4, 12))
+"""Errors of the lens that are fitted at once where something cuts its light: the search for that knows of none."""
 _FITTED = 3
 """Hypotheses that are fitted whole, the most likely first."""
 _HOPELESS = 400.0
@@ -113,20 +119,33 @@ def identified(
             noise = min(noise, chi2 / freedom)
             placed.append((chi2, Hypothesis(name, way), setting))
         progress("dies", done, len(panels))
-    placed.sort(key=lambda case: case[0])
     noise = max(1.0, noise)
+
+    def imaged(die: Hypothesis) -> DieImage:
+        return DieImage.of(panels[die.die], die.way_round, camera, few, [capture.pixels for capture in middle])
+
+    placed.sort(key=lambda case: case[0])
+    for search, count in ((place_found, _SEARCHED), (cut_found, _SEARCHED_CUT)):
+        for k, (middling, each, stood) in enumerate(placed[:count]):
+            least = min(chi2 for chi2, _, _ in placed)
+            # As long as no die explains the middle, the one that is nearest may be the wrong one.
+            if middling - least > _HOPELESS * noise and least < _FAR_BELOW * middling:
+                continue
+            there = imaged(each)
+            setting = search(there, middle, stood)
+            if setting != stood:
+                setting, chi2, freedom = _placed(there, middle, setting)
+                placed[k] = chi2, each, setting
+                noise = max(1.0, min(noise, chi2 / freedom))
+        placed.sort(key=lambda case: case[0])
     whole: list[tuple[Hypothesis, Fit]] = []
-    for first, (middling, each, stood) in enumerate(placed[:_FITTED]):
+    for first, (middling, each, setting) in enumerate(placed[:_FITTED]):
         if first and middling - placed[0][0] > _HOPELESS * noise:
             break
-        there = DieImage.of(panels[each.die], each.way_round, camera, few, [capture.pixels for capture in middle])
-        setting = place_found(there, middle, stood)
-        if setting.bench:
-            setting, chi2, freedom = _placed(there, middle, setting)
-            placed[first] = chi2, each, setting
-            noise = max(1.0, min(noise, chi2 / freedom))
+        there = imaged(each)
         # A fit of the middle takes little, and leaves one of the whole few steps.
-        near = fitted(there, middle, replace(setting, terms=tuple((term, 0.0) for term in FIRST_TERMS)))
+        terms = _LENS if CUT_BEND in dict(setting.bench) else FIRST_TERMS
+        near = fitted(there, middle, replace(setting, terms=tuple((term, 0.0) for term in terms)))
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
         whole.append((each, fitted(image, taken, near.setting, progress)))
     whole.sort(key=lambda pair: pair[1].chi2)

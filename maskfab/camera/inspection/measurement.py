@@ -211,8 +211,9 @@ def _prices(told: Explanation, drawn_way_round: int, sensor: Sensor) -> list[Cos
     """Costs of what is above its error."""
     fit = told.fit
     values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
-    seen = [name for name, error in fit.errors.items() if name not in LAMP and abs(values[name]) > NORMAL_95 * error]
-    return costs(told.image, replace(fit.setting, lamp=None), seen, drawn_way_round, sensor)
+    bench = {*LAMP, *dict(fit.setting.bench)}
+    seen = [name for name, error in fit.errors.items() if name not in bench and abs(values[name]) > NORMAL_95 * error]
+    return costs(told.image, fit.setting.of_a_point, seen, drawn_way_round, sensor)
 
 
 _SPILT_PX = 3
@@ -358,7 +359,7 @@ def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, flo
     pixel_um = image.camera.pixel_um
     x, y = (pixel_um * (np.arange(count, dtype=np.float64) - (count - 1) / 2) for count in (columns, rows))
     whole = image.on([Pixels(colour, np.asarray(x), np.asarray(-y)) for colour in image.light])
-    pictures = whole.pictures(replace(setting, x_um=0.0, y_um=0.0, lamp=None))
+    pictures = whole.pictures(replace(setting.of_a_point, x_um=0.0, y_um=0.0))
     return {grid.colour: 1 - float(picture.sum()) for grid, picture in zip(whole.pixels, pictures, strict=True)}
 
 
@@ -421,7 +422,7 @@ def write_fitted_psf(measured: Measured, path: Path) -> None:
     # Of each colour as if all pixels were its, row 0 the top.
     axis = measured.image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
     wide = measured.image.on([Pixels(colour, axis, -axis) for colour in measured.image.light])
-    pictures = wide.pictures(replace(measured.fit.setting, x_um=0.0, y_um=0.0, lamp=None))
+    pictures = wide.pictures(replace(measured.fit.setting.of_a_point, x_um=0.0, y_um=0.0))
     psf = {grid.colour: picture for grid, picture in zip(wide.pixels, pictures, strict=True)}
     names = tuple("RGB" if len(psf) > 1 else "Y")
     pixels = np.stack([psf[name if len(psf) > 1 else next(iter(psf))] for name in names], axis=2).astype(np.float32)
