@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from maskfab.api.asked import AnyJob, AnyPhoto, dies_of, job_of, require_form, sources, way_round
 from maskfab.api.camera import Camera
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_nm
+from maskfab.api.photo_measuring import PhotoMeasurement, measured_photos
 from maskfab.api.results import FolderResult, answers, saved_at
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
@@ -36,6 +37,7 @@ from maskfab.camera.inspection.edge_mtf import (
 )
 from maskfab.camera.inspection.edge_regions import NARROWEST_PX, Region
 from maskfab.camera.inspection.measurement import Measured, light_of, measured, seen_light
+from maskfab.camera.photo import Stated
 from maskfab.camera.sensor import counted
 from maskfab.findings.optics import sees_mirrored
 from maskfab.job.camera import Sensor
@@ -57,7 +59,7 @@ if TYPE_CHECKING:
     from maskfab.report.figures.sheet import Drawing
 
 
-_LEAST_WINDOW, _MOST_WINDOW = 32, 400
+_WINDOW, _LEAST_WINDOW, _MOST_WINDOW = 150, 32, 400
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,14 +125,18 @@ def measure(
     pair: Sequence[AnyPhoto] = (),
     dark: Sequence[AnyPhoto] = (),
     flat: Sequence[AnyPhoto] = (),
-    window: int = 150,
+    window: int = _WINDOW,
     line: Wavelength | None = None,
     black: float | None = None,
     white: float | None = None,
     mosaic: str | None = None,
+    photos: bool = False,
     progress: Progress = silent,
-) -> Measurement:
+) -> Measurement | PhotoMeasurement:
     """Tell whether a die is as drawn, from exposures of a point light: ACCEPT, REJECT or CANNOT TELL, and why.
+
+    Or from ordinary photographs through it (photos): they tell focus, turn and scale with their errors, the PSF that
+    goes with these, and of widths what they can.
 
     Which die it is, how it stands and how it was written is told where the frames are explained; the exit code is 0 of
     ACCEPT alone.
@@ -138,6 +144,7 @@ def measure(
     Examples:
         $ maskfab measure 1ms.dng 4ms.dng 16ms.dng --job layouts/upc12.toml --gain 1.3 --read-noise 4.9 -o build/led
         $ maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif
+        $ maskfab measure street.dng garden.dng face.dng --photos --job layouts/upc12.toml --die FITS_M150 -o build/psf
 
     Args:
         captures: one frame or a stack of exposures: RAW, linear TIFF or PNG of 16 bits, EXR. In Python also arrays of
@@ -157,6 +164,7 @@ def measure(
         black: counts of no light; by default as the files state it.
         white: counts of a full pixel; by default as the files state it.
         mosaic: mosaic that grey pictures hold: rggb, bggr, grbg or gbrg.
+        photos: the captures are ordinary photographs of any scenes, in colour, through one die.
         progress: told where the work stands.
 
     Raises:
@@ -179,6 +187,14 @@ def measure(
         shop_of(loaded.spec, loaded.where),
         None if ordered is None else ordered.tolerance,
     )
+    if photos:
+        of_stack = {"times": times, "pair": pair or None, "dark": dark or None, "flat": flat or None}
+        require_form("exposures of a point light", of_stack, of=False)
+        if window != _WINDOW:
+            raise _without("window", "photographs are looked at in squares", "Leave it out")
+        facts = Stated(black, white, mosaic, gain, read_noise, loaded.spec.sensor)
+        dies = {name: panels[name] for name in wanted}
+        return measured_photos(loaded, dies, sources(captures, "photo"), facts, promise, line_nm, progress)
     # Waves are those of the line that is stated.
     seen_by = loaded.camera if line_nm is None else replace(loaded.camera, wavelengths_nm=(line_nm,))
     sensor = loaded.spec.sensor or Sensor()

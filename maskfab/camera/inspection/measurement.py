@@ -413,16 +413,16 @@ SIDE = 601
 """Pixels along a side of the PSF that is written, the light in the middle one."""
 
 
-def write_fitted_psf(measured: Measured, path: Path) -> None:
+def write_fitted_psf(image: DieImage, setting: Setting, die: str, path: Path) -> None:
     """Write the PSF as EXR, channels R, G and B, or Y of a sensor without colours; shares of the light as float32.
 
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
     # Of each colour as if all pixels were its, row 0 the top.
-    axis = measured.image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
-    wide = measured.image.on([Pixels(colour, axis, -axis) for colour in measured.image.light])
-    pictures = wide.pictures(replace(measured.fit.setting.of_a_point, x_um=0.0, y_um=0.0))
+    axis = image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
+    wide = image.on([Pixels(colour, axis, -axis) for colour in image.light])
+    pictures = wide.pictures(replace(setting.of_a_point, x_um=0.0, y_um=0.0))
     psf = {grid.colour: picture for grid, picture in zip(wide.pixels, pictures, strict=True)}
     names = tuple("RGB" if len(psf) > 1 else "Y")
     pixels = np.stack([psf[name if len(psf) > 1 else next(iter(psf))] for name in names], axis=2).astype(np.float32)
@@ -431,7 +431,7 @@ def write_fitted_psf(measured: Measured, path: Path) -> None:
         "holds": HOLDS,
         "unit": "share of the light in a pixel",
         "axes": "the first row of pixels is the uppermost of the sensor, the light in the middle pixel",
-        "sensor_pixel_um": measured.image.camera.pixel_um,
-        "die": measured.identified.best.die,
+        "sensor_pixel_um": image.camera.pixel_um,
+        "die": die,
     }
     write_channels(pixels, names, path, facts, f"maskfab {__version__}")

@@ -308,7 +308,7 @@ def write_capture(place: Place, measured: Measured, document: Record, notes: Seq
 
     def write_light(folder: Path) -> None:
         write_merged(measured.merged, folder / LIGHT, folder / SIGMA)
-        write_fitted_psf(measured, folder / FITTED)
+        write_fitted_psf(measured.image, measured.fit.setting, measured.identified.best.die, folder / FITTED)
 
     texts = {PAGE: capture_page(measured, document, notes), DOCUMENT: document_text(document)}
     return write_folder(place, texts, document["job_hash"], write_light)
