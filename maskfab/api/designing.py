@@ -41,13 +41,7 @@ from maskfab.designs.design import (
     stated_display,
 )
 from maskfab.designs.design import design as design_spec
-from maskfab.designs.front import (
-    Pareto,
-    lines_of,
-    require_uneven,
-    rules_of,
-    sweep,
-)
+from maskfab.designs.front import Pareto, lines_of, require_uneven, rules_of, sweep
 from maskfab.designs.front_designs import FrontDesign, designs
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.display_fit import DieFit

@@ -197,12 +197,7 @@ class CellGrid:
 
 
 def lattice(
-    dots: int,
-    dot_nm: int | None = None,
-    *,
-    camera: PhotoCamera = F1,
-    odd: bool = False,
-    where: str = "design.dots",
+    dots: int, dot_nm: int | None = None, *, camera: PhotoCamera = F1, odd: bool = False, where: str = "design.dots"
 ) -> CellGrid:
     """The fewest cells of ``dots`` dots a side that cover the stop.
 
@@ -375,11 +370,7 @@ class OpenStop:
 
     @classmethod
     def of(
-        cls,
-        room: CellGrid,
-        wavelength_nm: float,
-        per_cycle: float | None = None,
-        amplitude: Complexes | None = None,
+        cls, room: CellGrid, wavelength_nm: float, per_cycle: float | None = None, amplitude: Complexes | None = None
     ) -> OpenStop:
         """The open stop at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
         table = _open_table(room) if amplitude is None else pupil_autocorrelation(amplitude)

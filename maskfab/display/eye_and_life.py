@@ -207,11 +207,7 @@ class EyeAndLife:
 
 
 def judgement(
-    panel: Panel,
-    asked: EyeAndLife,
-    rules: EmitterRules,
-    light: LightDemand,
-    of_map: tuple[int, int] | None = None,
+    panel: Panel, asked: EyeAndLife, rules: EmitterRules, light: LightDemand, of_map: tuple[int, int] | None = None
 ) -> Judgement:
     """Look at a display, and hold its emitters against those of its reference."""
     viewing = asked.viewing(panel.cell_size.pitch_um)

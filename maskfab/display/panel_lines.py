@@ -513,11 +513,7 @@ class _Chains:
         for pair in pairwise(chain):
             points += self._link(*pair)[1]
         last = chain[-1]
-        return (
-            *points,
-            (int(self.ends[last, 1]), int(self.tops[last, 1])),
-            (high, int(self.tops[last, 1])),
-        )
+        return (*points, (int(self.ends[last, 1]), int(self.tops[last, 1])), (high, int(self.tops[last, 1])))
 
 
 def _passing(gap: Ints, rules: WireRules) -> Ints:
@@ -544,13 +540,7 @@ def _gaps(ones: list[Ints], others: list[Ints], step: Ints, dot: int) -> Ints:
 
 
 def _certificate(
-    chains: _Chains,
-    rules: WireRules,
-    passing: int,
-    wanted: int,
-    pixels: tuple[int, int],
-    chain: list[int],
-    axis: Axis,
+    chains: _Chains, rules: WireRules, passing: int, wanted: int, pixels: tuple[int, int], chain: list[int], axis: Axis
 ) -> Certificate:
     kind = "columns" if axis == "y" else "rows"
     first, last = pixels

@@ -537,9 +537,7 @@ def _illuminant(value: object) -> str | float:
 
 Spectrum = Annotated[str, parsed(_word_or_table, noun="spectrum", words=("lines", "rgb"), example="camera.csv")]
 Illuminant = Annotated[
-    str | float,
-    parsed(_illuminant),
-    PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
+    str | float, parsed(_illuminant), PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v)
 ]
 FieldReach = Annotated[float | str, parsed(_field), PlainSerializer(_field_text)]
 LensProjection = Annotated[
@@ -554,9 +552,7 @@ Depth = Annotated[tuple[float, float], parsed(_depth), PlainSerializer(lambda v:
 Accuracy = Annotated[float, parsed(_accuracy)]
 Aberrations = Annotated[tuple[tuple[int, float], ...], parsed(_aberrations)]
 LensDistortion = Annotated[
-    tuple[float, float],
-    parsed(_distortion),
-    PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])}),
+    tuple[float, float], parsed(_distortion), PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])})
 ]
 
 
@@ -633,7 +629,5 @@ def _between(p: Corner, q: Corner, r: Corner) -> bool:
 
 
 Corners = Annotated[
-    tuple[Corner, ...],
-    parsed(_corners),
-    PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v]),
+    tuple[Corner, ...], parsed(_corners), PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v])
 ]

@@ -55,14 +55,7 @@ from maskfab.display.eye_and_life import DEFAULT_LIFE
 from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.findings import photographs
 from maskfab.findings.optics import plate_as_seen
-from maskfab.findings.photographs import (
-    Conditions,
-    Photographs,
-    Restored,
-    Surroundings,
-    middle_level,
-    photograph_die,
-)
+from maskfab.findings.photographs import Conditions, Photographs, Restored, Surroundings, middle_level, photograph_die
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.faults import JobFaults

@@ -280,12 +280,7 @@ def _aids_differ(folder: Path, findings: PlateFindings) -> Iterator[tuple[str, s
 
 
 def _pages_differ(
-    folder: Path,
-    manifest: Mapping[str, Any],
-    now: Document,
-    pictures: Mapping[str, Mapping[str, str]],
-    *,
-    held: bool,
+    folder: Path, manifest: Mapping[str, Any], now: Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
 ) -> Iterator[tuple[str, str]]:
     """Pages and table against those of the pictures and the report made again; earlier versions wrote fewer of them."""
     there = {file["path"] for file in manifest["files"]}

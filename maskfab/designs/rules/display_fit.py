@@ -493,13 +493,7 @@ def _grainy(constraints: Constrained, unit: Mask) -> str | None:
 _FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
 
 
-CIRCUITS = _FIT(
-    "circuits",
-    check=_crowded,
-    proof=_by_closed_area,
-    checked=_on_dots,
-    asker="the circuits of [emitters]",
-)
+CIRCUITS = _FIT("circuits", check=_crowded, proof=_by_closed_area, checked=_on_dots, asker="the circuits of [emitters]")
 
 
 EMITTERS = _FIT(

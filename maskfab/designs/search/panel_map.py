@@ -20,13 +20,8 @@ from maskfab.designs.model.layouts_bound import layout_gap
 from maskfab.designs.model.panel_judgement import MeanPanelError, PanelError
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
-from maskfab.designs.search.question import (
-    Prepared,
-)
-from maskfab.designs.search.result import (
-    Facts,
-    by_level,
-)
+from maskfab.designs.search.question import Prepared
+from maskfab.designs.search.result import Facts, by_level
 from maskfab.designs.search.shortlist import MOST_WORK, Listed
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap

@@ -325,12 +325,7 @@ class Stages:
         return cls(clock.before(after_s + map_s), clock.before(after_s), bounded, bounds_s)
 
 
-def constraints_of(
-    section: DesignSection,
-    *,
-    where: str = "design",
-    display: Display | None = None,
-) -> Constraints:
+def constraints_of(section: DesignSection, *, where: str = "design", display: Display | None = None) -> Constraints:
     """The section's rules.
 
     Raises:

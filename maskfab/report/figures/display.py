@@ -186,10 +186,7 @@ def wiring_picture(
 
 def _two() -> tuple[Figure, tuple[Axes, Axes]]:
     figure = Figure(figsize=(2 * _SIDE + 0.75, _SIDE + 0.5))
-    return figure, (
-        place(figure, (0.1, 0.2, _SIDE, _SIDE)),
-        place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)),
-    )
+    return figure, (place(figure, (0.1, 0.2, _SIDE, _SIDE)), place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)))
 
 
 def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
@@ -221,11 +218,7 @@ def _trail(paths: Iterable[Sequence[Point]], x0: int, y0: int) -> tuple[list[flo
 
 
 def _draw(
-    axes: Axes,
-    panel: Panel,
-    cells: NDArray[np.int8],
-    layers: tuple[Layer, ...],
-    faint: frozenset[Layer] = frozenset(),
+    axes: Axes, panel: Panel, cells: NDArray[np.int8], layers: tuple[Layer, ...], faint: frozenset[Layer] = frozenset()
 ) -> None:
     pitch = panel.pitch_nm
     rows, columns = cells.shape
