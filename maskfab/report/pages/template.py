@@ -5,6 +5,7 @@ Quantities have their own glossary in :mod:`maskfab.base.quantities`.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -136,34 +137,4 @@ def style() -> Markup:
     return Markup(template("page.css"))
 
 
-WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "opening": "The clear shape in one display pixel.",
-        "open ratio": "Clear fraction of the pixel; not the fill factor, which is the emitting fraction of a subpixel.",
-        "dot": "One square element of an opening.",
-        "pitch": "Side of one display pixel; DPI = 25 400 µm / pitch.",
-        "tiling": "The orientation of each pixel, out of eight rotated and mirrored ones: one for all (periodic), "
-        "or drawn from a seed (random; paper4 draws from four).",
-        "gutter": "Opaque border around every pixel, reserved for wiring.",
-        "die": "One panel on the plate.",
-        "PSF": "Point spread function: the image of a distant point of light.",
-        "MTF": "Modulation transfer function: contrast of the image of a sine pattern. Presampled: includes the blur "
-        "of the sensor pixel, but not its aliasing.",
-        "radial minimum": "The lowest MTF over all directions at one frequency.",
-        "aliased": "Sampled at one pixel: frequencies above the Nyquist limit fold onto lower ones, in a way that "
-        "depends on the sub-pixel offset of the picture.",
-        "scene": "What the camera looks at: distances, field, the gap between panel and lens, aberrations, light.",
-        "plan": "The cheapest model of a scene whose error, omitted effects included, is within the accuracy.",
-        "accuracy": "The admissible relative L2 error of the scene's PSF over its window.",
-        "design": "How an opening was found, as stated in its file; not checked.",
-        "headroom": "Proven limit of the gain that any other opening with the same number of clear dots can have.",
-        "protocol F1": "Photographs of fixed scenes with photon noise, restored by a Wiener filter with the best "
-        "constant for the design; compared with the truth over the whole frame and over the inner "
-        "one, without 64 pixels at every edge.",
-        "surrogate": "A model that predicts the PSNR of restored photographs in two milliseconds.",
-        "relative L2": "Root of the sum of squared differences over that of the squared values.",
-        "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
-        "XOR": "The area in which two layouts differ.",
-        "CD": "Critical dimension: a width measured at a named gauge.",
-    }
-)
+WORDS: Mapping[str, str] = json.loads(template("words.json"))
