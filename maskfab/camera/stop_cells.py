@@ -140,7 +140,6 @@ def _sides(stop: Stop) -> str:
 F1 = PhotoCamera(10_000.0, Stop("circle", 4000.0), 2.0, (610.0, 530.0, 470.0))
 """The camera of protocol F1, of red, green and blue."""
 
-
 Lagged = NDArray[Any]
 """Of float64, or of complex128 where light has a phase."""
 

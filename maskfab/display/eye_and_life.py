@@ -37,7 +37,6 @@ _LIFE = (
 )
 _NO_LIMIT = "no published limit was found: judged where the job states one"
 
-
 TITLES = MappingProxyType(
     {
         "delta_e": "ΔE of even white",

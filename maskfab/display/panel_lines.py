@@ -36,9 +36,7 @@ from maskfab.display.pixel_lines import WireRules
 
 Axis = Literal["x", "y"]
 
-
 AXES: tuple[Axis, Axis] = ("x", "y")
-
 
 _SLABS_PER_LANE = 3
 
@@ -337,7 +335,6 @@ def _corners(turns: Ints, places: Ints, cuts: Ints, axis: Axis) -> tuple[Point, 
 
 _BESIDE = ((0, 0), (0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns on to the cells in which a chain goes on; those before are met from the other end."""
-
 
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 

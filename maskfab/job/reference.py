@@ -209,7 +209,6 @@ _LIMITS: Mapping[str, str] = MappingProxyType(
     {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 )
 
-
 _LIKE, _PART_OF_A_WORD = 0.7, 0.9
 """Likeness of words, 1 of equal ones: from which on one may be meant, and of one that is part of the other."""
 

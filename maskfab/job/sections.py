@@ -512,7 +512,6 @@ class ExposureSection(Section):
 
 _SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
 
-
 DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
 """Keys of [export] that say how polygons are drawn."""
 

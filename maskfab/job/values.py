@@ -111,7 +111,6 @@ class Stated:
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
-
 AnySection: TypeAlias = Section | Stated
 
 
@@ -400,7 +399,6 @@ Counts = Annotated[
     parsed(_listed_counts),
 ]
 
-
 COLDEST_K, HOTTEST_K = 1000.0, 100_000.0
 """Temperatures of black bodies, kelvins."""
 
@@ -554,7 +552,6 @@ Aberrations = Annotated[tuple[tuple[int, float], ...], parsed(_aberrations)]
 LensDistortion = Annotated[
     tuple[float, float], parsed(_distortion), PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])})
 ]
-
 
 _MOST_CORNERS = 256
 _CURE = 'Write pairs of x and y: [["1 mm", "0 mm"], ["0 mm", "1 mm"], ["-1 mm", "-1 mm"]]'

@@ -28,9 +28,7 @@ from maskfab.mask.panels import CellMap
 
 _LONGEST_NAME = 24
 
-
 _KICKS = 3
-
 
 _MOST_GUARDED = 32
 """Cells along a side of a map up to which it is looked after at every step: of 60, a look takes half a second."""

@@ -54,21 +54,16 @@ if TYPE_CHECKING:
 
 Facts = dict[str, str | int | float]
 
-
 LEVELS_OF_F1 = "another camera at the levels of F1"
 """In the place of a protocol's name."""
 
-
 NO_BOUNDS = "The budget leaves no time to prove bounds: no headroom is told."
-
 
 ANNEALING = "steps of annealing"
 """The stage that changes openings dot by dot."""
 
-
 WITHIN_DB = 0.1
 """Decibels below the best down to which an opening is an alternative: less than one scene differs from another."""
-
 
 _PROBES = 3
 
@@ -81,10 +76,8 @@ _BATCH, _FIRST_MAP, _MAP, _PRICES, _FIT, _BOUNDS = 64, 400, 4500, 400, 1800, 450
 _MOST_MAP, _MOST_BOUNDS, _MOST_DIE = 0.25, 0.4, 0.4
 _MOST = 8
 
-
 _TRIED = 48
 """Openings whose rules are judged at most: a display's take 0.2 s each where all are kept."""
-
 
 _MORE_DB, _MORE_SHARE, _LESS_MOVED = 0.001, 0.001, 0.98
 """From so many decibels, and so much of the pixel, on an opening counts as better; as steadier below this share of what
