@@ -20,6 +20,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Set
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -170,37 +171,7 @@ def _unused(section: AnySection, path: str, used: frozenset[str]) -> Iterator[st
                 yield from _unused(table, here, used)
 
 
-FORMS: Mapping[str, str] = MappingProxyType(
-    {
-        "LengthOrZero": 'length with its unit, or "0 um"',
-        "SignedLength": 'length of either sign, such as "-0.1 um"',
-        "LookedFrom": 'length from 10 mm to 100 m, such as "300 mm"',
-        "PlateLength": 'length up to 2 m, such as "5 in"',
-        "Length": 'length with its unit, such as "8 um"',
-        "Dpi": 'dots per inch, such as "25400 dpi"',
-        "Pitch": 'length or resolution, such as "168 um" or "302 DPI"',
-        "Wavelength": 'list of lengths, such as ["610 nm", "530 nm"]',
-        "Area": 'area, such as "1985 um^2"',
-        "ThreeColours": "three positive numbers: red, green, blue",
-        "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
-        "Counts": "list of whole numbers, or { from, to, step }",
-        "Frequency": 'list of frequencies, such as ["30 cy/mm", "60 cy/mm"]',
-        "Time": 'time with its unit, such as "10 ms"',
-        "Accuracy": '"draft", "standard", "certify" or a number',
-        "Depth": 'pair of distances, such as ["1 m", "inf"]',
-        "Distance": 'length, or "inf"',
-        "LensDistortion": '{ ratio, height }, such as { ratio = 0.02, height = "2 mm" }',
-        "Aberrations": "list of pairs, such as [[11, 0.02]]",
-        "Spectrum": '"lines", "rgb" or a file',
-        "Illuminant": '"equal", a temperature such as "6500 K", or a file',
-        "Formats": "list of formats",
-        "Names": "name, or list of names",
-        "Name": "name",
-        "DrawnText": "ASCII text",
-        "Line": "one line of text, at most 200 characters",
-        "ObjectiveName": "table of an objective's name and its weight",
-    }
-)
+FORMS: Mapping[str, str] = json.loads(Path(__file__).with_name("forms.json").read_text(encoding="utf-8"))
 """Forms of values by the names of their types, where those say more than the plain type does."""
 _PLAIN: Mapping[str, str] = MappingProxyType(
     {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}

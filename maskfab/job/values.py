@@ -256,10 +256,6 @@ def distance_text(value: float) -> str:
     return "inf" if math.isinf(value) else um_text(value)
 
 
-def _nm_text(value: float) -> str:
-    return f"{value:.15g} nm"
-
-
 def length_um(value: object, *, zero_allowed: bool = False) -> float:
     """Micrometres of a length with its unit, at most 1 km (MF104); MF103 for a missing or wrong unit."""
     return _in_range(units.parse_length_um(value, zero_allowed=zero_allowed), value)
@@ -308,10 +304,6 @@ def _area(value: object) -> float:
     # A number times a unit squared is a length in that unit, times the unit once more.
     once = units.parse_length_um(f"{match[1]} {match[2]}", zero_allowed=True)
     return float(f"{once * units.parse_length_um(f'1 {match[2]}'):.15g}")
-
-
-def _area_text(value: float) -> str:
-    return f"{value:.15g} um^2"
 
 
 def _three(value: object) -> tuple[float, float, float]:
@@ -377,13 +369,13 @@ LengthOrZero = Annotated[float, parsed(length_um, zero_allowed=True), PlainSeria
 LookedFrom = Annotated[float, parsed(_looked_from), PlainSerializer(lambda v: f"{v / 1e3:.15g} mm")]
 PlateLength = Annotated[float, parsed(_on_plate), PlainSerializer(um_text)]
 Pitch = Annotated[float, parsed(_pitch), PlainSerializer(um_text)]
-Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer(_nm_text)]
+Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer("{:.15g} nm".format)]
 DrawnText = Annotated[str, parsed(_drawn)]
 Frequency = Annotated[float, parsed(units.parse_frequency_cy_per_mm), PlainSerializer(lambda v: f"{v:.15g} cy/mm")]
 """On the sensor, in cycles per millimetre."""
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
 Name = Annotated[str, parsed(check_name)]
-Area = Annotated[float, parsed(_area), PlainSerializer(_area_text)]
+Area = Annotated[float, parsed(_area), PlainSerializer("{:.15g} um^2".format)]
 ThreeColours = Annotated[tuple[float, float, float], parsed(_three)]
 SignedLength = Annotated[float, parsed(signed_length_um), PlainSerializer(um_text)]
 Time = Annotated[float, parsed(units.parse_time_s), PlainSerializer(lambda v: f"{v:.15g} s")]

@@ -354,16 +354,12 @@ def appraised(
 
     That is of the picture's interior. Last all bounds, unless there is no other opening of as many dots.
     """
-    if mask.all():
-        # It is the only opening of its count.
-        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels)
-        facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", none, estimate.levels)
-        return psnr, facts, none, None
-    limit = bounds(estimate, int(mask.sum()), periodic=periodic)
-    gap = optimality_gap(estimate, mask, limit)
-    psnr = estimate(mask, periodic=periodic)
-    facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", gap.head_room, estimate.levels)
-    return psnr, facts, gap.head_room, gap
+    # What is clear throughout is the only opening of its count.
+    limit = None if mask.all() else bounds(estimate, int(mask.sum()), periodic=periodic)
+    gap = None if limit is None else optimality_gap(estimate, mask, limit)
+    psnr, room = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels) if gap is None else gap.head_room
+    facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", room, estimate.levels)
+    return psnr, facts, room, gap
 
 
 def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
