@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import maskfab
-from maskfab.base.errors import CATALOGUE
+from maskfab.base.errors import catalogue
 
 SOURCES = {
     path.relative_to(Path(maskfab.__file__).parent).as_posix(): path.read_text(encoding="utf-8")
@@ -41,4 +41,4 @@ def test_cures_say_what_to_write_instead_of(cure):
 
 
 def test_meanings_of_codes_are_whole_sentences():
-    assert [code for code, meaning in CATALOGUE.items() if not re.fullmatch(r"\S+( \S+){2,}\.", meaning)] == []
+    assert [code for code, own in catalogue().items() if not re.fullmatch(r"\S+( \S+){2,}\.", own["meaning"])] == []

@@ -19,7 +19,7 @@ from maskfab.api.results import Result
 from maskfab.base import __version__, provenance
 from maskfab.base import resources as error_codes
 from maskfab.base.checks import checked_arguments
-from maskfab.base.errors import CATALOGUE, InternalError, JobError
+from maskfab.base.errors import InternalError, JobError, catalogue
 from maskfab.base.extras import EXTRAS, install_command
 from maskfab.base.machine import cores, memory_bytes
 from maskfab.base.work import Progress, silent
@@ -98,9 +98,9 @@ def explain(
         document = _schema(schema)
         return Answer(json.dumps(document, indent=1, ensure_ascii=False), document)
     if code is None:
-        groups = error_codes.grouped()
-        lists = ("\n".join([heading, *(f"  {e}  {CATALOGUE[e]}" for e in codes)]) for heading, codes in groups.items())
-        return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
+        listed = {head: {e: catalogue()[e]["meaning"] for e in codes} for head, codes in error_codes.grouped().items()}
+        lists = ("\n".join([head, *(f"  {e}  {told}" for e, told in codes.items())]) for head, codes in listed.items())
+        return Answer("\n\n".join(lists), listed)
     if source:
         return _source_of(code.strip())
     if not _CODE.match(code):
@@ -144,9 +144,9 @@ def _source_of(name: str) -> Answer:
     from maskfab.base.makers import guards, makers
     from maskfab.base.quantities import registered
 
-    if name.upper() in CATALOGUE:
+    if name.upper() in catalogue():
         name = name.upper()
-        title, family = CATALOGUE[name], name
+        title, family = catalogue()[name]["meaning"], name
     else:
         try:
             entry = registered(name)
@@ -392,10 +392,7 @@ class Benchmark(Result):
         """Everything that was measured."""
         from maskfab.trials import race as accuracy_page
 
-        return {
-            **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
-            "unused": list(self.unused),
-        }
+        return {**accuracy_page.race_document(self.timings, self.bound_ms, self.absent), "unused": list(self.unused)}
 
     def picture(self) -> bytes:
         """A PNG of error against time."""

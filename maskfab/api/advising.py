@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 from maskfab.api.asked import spec_of
-from maskfab.api.briefing import ask_brief
 from maskfab.api.foreseen import Foreseen, sought
 from maskfab.api.results import Asked, FolderResult, Told, saved
 from maskfab.api.results import answers as answered_by
@@ -20,7 +20,7 @@ from maskfab.base.folders import Place, check_target
 from maskfab.base.units import parse_time_s
 from maskfab.base.work import Progress, budget_clock, ended_by_interrupt, one_thread, silent
 from maskfab.designs.design import scenes_of
-from maskfab.job.brief import Brief, job_text, snapped
+from maskfab.job.brief import Brief, job_text, merged, modules, questions, snapped
 from maskfab.job.read import validate
 from maskfab.job.toml import loads
 from maskfab.report.pages.advice import (
@@ -34,8 +34,7 @@ from maskfab.report.pages.advice import (
     write_advice,
 )
 from maskfab.runs.advice import advise as advise_spec
-from maskfab.runs.advice import job_files, searched
-from maskfab.runs.off_axis import off_axis
+from maskfab.runs.advice import job_files, off_axis, searched
 
 if TYPE_CHECKING:
     from maskfab.api.asked import DesignJob  # at run time refused here, with its reason
@@ -178,3 +177,38 @@ def _advise(asked: Asked) -> Told:
         return saved(asked)
     makes = [] if asked.out is None else [str(asked.out / name) for name in (PAGE, DOCUMENT, "job.toml")]
     return Told.of(replace(asked.found(), makes=tuple(makes)))
+
+
+def ask_brief(asked: Asked, given: Mapping[str, object]) -> Brief:
+    """The brief of given answers and, on a terminal, of those that a person types to the other questions.
+
+    Enter takes the default that a question shows; an answer that cannot be, or that contradicts an earlier one, is
+    asked again. Elsewhere, and with ``--json``, nothing is asked.
+
+    Args:
+        given: answers by their keys, as :meth:`maskfab.job.brief.Brief.of` takes them.
+
+    Raises:
+        JobError: MF105 for answers without a default that are missing where nobody can be asked; else as that does.
+    """
+    stated = merged(given)
+    if asked.attended and not asked.as_json:
+        asked.tell("Enter takes the answer in brackets; Ctrl-C ends, and nothing is written.")
+        for question in questions():
+            if question.key in stated:
+                continue
+            if question.key == "camera":
+                for name, camera in modules().items():
+                    asked.tell(f"  {name}: {camera.title}")
+            default = question.default_of(stated)
+            shown = f"{question.text} [{f'{default}: ' if default else ''}{question.why}]"
+            typed = asked.answered(shown, partial(_with, stated, question.key))
+            if answer := default if typed is None else typed[0]:
+                stated[question.key] = answer
+    return Brief.of(stated)
+
+
+def _with(stated: Mapping[str, object], key: str, answer: str) -> Brief:
+    """The brief with one more answer, as if all questions that are not asked yet had their defaults."""
+    needed = {question.key: question.default_of(stated) for question in questions() if question.needed}
+    return Brief.of({**needed, **stated, key: answer})

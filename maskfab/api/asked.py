@@ -82,6 +82,13 @@ def job_of(
     return replace(made, spec=made.spec.model_copy(update={"plate": assumed}), laid_out=alone)
 
 
+def refuse_stated(stated: Mapping[str, object], made: str, asked: str) -> None:
+    """Refuse whatever is stated and has no meaning for what is made, which a key asks for. Raises JobError MF105."""
+    for key, value in stated.items():
+        if value is not None:
+            raise JobError("MF105", f"{key} does not apply to {made}", where=key, cure=f"Leave {key} out, or {asked}")
+
+
 def laid_out(
     job: AnyJob, lay: Callable[[Job], _Laid], *checks: Callable[[Job], object], camera: Camera | None = None
 ) -> tuple[Job, _Laid]:

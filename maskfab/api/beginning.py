@@ -14,7 +14,7 @@ from maskfab.api.results import Asked, InPython, Result, Told, answers
 from maskfab.base import resources
 from maskfab.base.checks import checked_arguments
 from maskfab.base.errors import JobError
-from maskfab.base.files import not_writable
+from maskfab.base.files import writing
 from maskfab.base.folders import check_file, check_target, staged, write_text
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH
 
@@ -180,10 +180,8 @@ def new(
         shape, dots=dots, pitch=pitch, clear_dots=clear_dots, name=name or target.stem,
         command=command or f"maskfab.new({str(place)!r}, shape={shape!r})", **_numbers_of(shape, numbers or {}),
     )  # fmt: skip
-    try:
+    with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_writable(target, error) from error
     write_text(target, opening_text(opening), replace=force)
     display = DISPLAYS.get(shape)
     return Drawn(target, opening, 1 if display is None else display.pixels_across)

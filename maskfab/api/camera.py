@@ -152,7 +152,9 @@ class Camera:
         check_window(self._of(lines), laid.dot_nm / NM_PER_UM, where="Camera")
         margin = pixel_margin(camera) if pixels else 0
         found = {}
-        for psf in _ready(laid, camera, margin, tuple(dict.fromkeys(lines))).psfs():
+        # Kept made ready for the next call unless it is large.
+        ready = _kept if _is_kept(laid, camera) else _kept.__wrapped__
+        for psf in ready(laid, camera, margin, tuple(dict.fromkeys(lines))).psfs():
             seen = pixel_psf(psf, camera) if pixels else psf
             found[seen.wavelength_nm] = Psf(seen.values, seen.step_um, seen.wavelength_nm, seen.kind, note=note)
         return found[lines[0]] if wavelength is None or is_one(wavelength) else tuple(found[line] for line in lines)
@@ -224,11 +226,6 @@ def _kept(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> 
     from maskfab.optics.psf import ReadyPupil
 
     return ReadyPupil.of(_pupil(panel, camera), camera, margin, lines)
-
-
-def _ready(panel: Tiled, camera: Lens, margin: int, lines: tuple[float, ...]) -> ReadyPupil:
-    """A panel behind the stop, made ready for lines of a camera; kept for the next call unless it is large."""
-    return (_kept if _is_kept(panel, camera) else _kept.__wrapped__)(panel, camera, margin, lines)
 
 
 @lru_cache(maxsize=_KEPT)

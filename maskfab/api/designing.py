@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, overload
 
 from numpy.typing import ArrayLike
 
-from maskfab.api.asked import spec_of
+from maskfab.api.asked import refuse_stated, spec_of
 from maskfab.api.camera import Camera, protocol_f1
 from maskfab.api.foreseen import Foreseen, sought
 from maskfab.api.lengths import Length, length_text, sections_as_text
@@ -41,13 +41,7 @@ from maskfab.designs.design import (
     stated_display,
 )
 from maskfab.designs.design import design as design_spec
-from maskfab.designs.front import (
-    Pareto,
-    lines_of,
-    require_uneven,
-    rules_of,
-    sweep,
-)
+from maskfab.designs.front import Pareto, lines_of, require_uneven, rules_of, sweep
 from maskfab.designs.front_designs import FrontDesign, designs
 from maskfab.designs.model.statistics import F1_SETTINGS
 from maskfab.designs.rules.display_fit import DieFit
@@ -324,7 +318,9 @@ def design(
     """
     crew = Workers(workers, scheduler, of_installation)
     if front:
-        _refuse({"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}, "a front", "front")
+        refuse_stated(
+            {"checkpoint": checkpoint, "price_rules": price_rules or None, "start": start}, "a front", "front"
+        )
         if job is None:
             raise JobError("MF105", "a front is of a job", where="job", cure="Give a job file with [pareto]")
         return _front(
@@ -366,7 +362,7 @@ def design(
         spec, command = _called(section, display, sections or {}, camera=camera, images=images)
     command += _start_words(start, begin)
     if isinstance(spec.design, RelaxSection):
-        _refuse({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
+        refuse_stated({"workers": workers, "scheduler": scheduler}, "a descent", 'method = "relax"')
     photographs, state = (None if path is None else Path(path) for path in (images, checkpoint))
     if dry_run:
         require_able(spec, where, photographs, state, begin)
@@ -386,14 +382,6 @@ def design(
             executor=executor,
         )
     return Design(best, Made(provenance.job_hash(spec.dump()), time.monotonic() - began, effort.seconds))
-
-
-def _refuse(stated: Mapping[str, object], design: str, asked: str) -> None:
-    """Refuse whatever is stated and a kind of design, asked for by a key, has no use for."""
-    for key, value in stated.items():
-        if value is not None:
-            cure = f"Leave {key} out, or {asked}"
-            raise JobError("MF105", f"{key} does not apply to {design}", where=key, cure=cure)
 
 
 @answers(design)

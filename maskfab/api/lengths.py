@@ -18,7 +18,6 @@ from maskfab.job.values import AnySection, DrawingUnit, length_keys, sections_of
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""
 
-
 Wavelength = str | float
 """``"530 nm"``, or 530.0 nanometres."""
 Wavelengths: TypeAlias = "Sequence[Wavelength] | NDArray[Any]"
@@ -58,7 +57,6 @@ USUAL: Mapping[str, Usual] = MappingProxyType(
 """Lengths that callers state, by what they are of; wide on purpose, for a refusal must be sure."""
 _MEANT = ("mm", "um", "m", "nm", "cm", "in", "mil")
 """Units that a number may have been meant in, the likeliest first."""
-
 
 _DRAWING_UNITS = get_args(DrawingUnit)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.api.asked import AnyJob, dies_of, given_folder, laid_out
+from maskfab.api.asked import AnyJob, dies_of, given_folder, laid_out, refuse_stated
 from maskfab.api.camera import Camera
 from maskfab.api.pairs import PairSet
 from maskfab.api.pairs import pairs as of_photographs
@@ -241,14 +241,14 @@ def simulate(
             "reference": reference, "whole": whole or None, "light": light, "brackets": brackets, "restore": restore,
             "checkpoints": checkpoints or None, "protocol": None if protocol == "camera" else protocol,
         }  # fmt: skip
-        _refuse(others, "pairs", "leave pairs out")
+        refuse_stated(others, "pairs", "leave pairs out")
         if images is None or count is None:
             key, cure = ("images", "a folder of photographs") if images is None else ("count", "such as 10000")
             raise JobError("MF105", f"pairs are asked for, and no {key}", where=key, cure=f"Add {key}, {cure}")
         stated = {key: value for key, value in own.items() if value is not None}
         made = of_photographs(job, images, die=die, levels=levels, white=white, camera=camera, **stated)
         return PairSet(Path(pairs), write_pairs(made, Path(pairs), Workers(workers), progress), made.datasheet)
-    _refuse({**own, "workers": workers}, "scores", "add pairs, a folder")
+    refuse_stated({**own, "workers": workers}, "scores", "add pairs, a folder")
     conditions = partial(Conditions.of, protocol=protocol, levels=levels, light=light, brackets=brackets)
     loaded, panels = laid_out(job, Job.panels, conditions, camera=camera)
     asked = conditions(loaded)
@@ -305,20 +305,13 @@ def simulate(
 def _simulate(asked: Asked) -> Told:
     """Pictures are kept where they are saved."""
     if "pairs" in asked.stated:
-        _refuse({"out": asked.out, "force": asked.force or None}, "pairs", "leave pairs out")
+        refuse_stated({"out": asked.out, "force": asked.force or None}, "pairs", "leave pairs out")
     if asked.out is None:
         return Told.of(asked.found(pictures=False))
     check_file(asked.out, force=asked.force)
     simulation = asked.found()
     simulation.save(asked.out, force=asked.force)
     return Told.of(simulation)
-
-
-def _refuse(stated: Mapping[str, object], made: str, asked: str) -> None:
-    """Refuse whatever is stated and has no meaning for what is made."""
-    for key, value in stated.items():
-        if value is not None:
-            raise JobError("MF105", f"{key} does not apply to {made}", where=key, cure=f"Leave {key} out, or {asked}")
 
 
 def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:

@@ -112,10 +112,7 @@ def psf(
 
 @checked_arguments
 def mtf(
-    dots: Tensor,
-    camera: Camera,
-    wavelength: Wavelength | Wavelengths | None = None,
-    **layout: Unpack[LayoutKeys],
+    dots: Tensor, camera: Camera, wavelength: Wavelength | Wavelengths | None = None, **layout: Unpack[LayoutKeys]
 ) -> Tensor:
     """Presampled modulation transfer function, optics and sensor pixel, as :meth:`maskfab.Camera.mtf` has it.
 

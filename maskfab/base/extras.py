@@ -50,7 +50,6 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
 )
 """Extras of ``pyproject.toml`` that a user may want, by name."""
 
-
 _DEBIAN = {
     "libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6", "libXext.so.6": "libxext6",
     "libXrender.so.1": "libxrender1", "libSM.so.6": "libsm6", "libICE.so.6": "libice6", "libxcb.so.1": "libxcb1",

@@ -139,6 +139,15 @@ def not_writable(target: Path, error: OSError) -> OutputError:
 
 
 @contextmanager
+def writing(target: Path) -> Iterator[None]:
+    """Refuse what the system does not let happen there: OutputError MF401."""
+    try:
+        yield
+    except OSError as error:
+        raise not_writable(target, error) from error
+
+
+@contextmanager
 def partial(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """A name beside ``path`` to write a file to; renamed to ``path`` on success, removed on failure.
 
@@ -153,21 +162,18 @@ def partial(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     ending = f".partial{target.suffix}"
-    try:
+    with writing(path):
         for left in stale(target, ending):
             if left.is_file():
                 left.unlink()
         aside = make(target, ending, make_file)
-    except OSError as error:
-        raise not_writable(path, error) from error
     try:
-        yield aside.path
-        if replace:
-            os.replace(aside.path, target)
-        else:
-            _add(aside.path, target)
-    except OSError as error:
-        raise not_writable(path, error) from error
+        with writing(path):
+            yield aside.path
+            if replace:
+                os.replace(aside.path, target)
+            else:
+                _add(aside.path, target)
     finally:
         aside.path.unlink(missing_ok=True)
         aside.close()

@@ -1,8 +1,9 @@
 """Where every number comes from: what is found, by which function, from what, at what cost, and how surely again.
 
 Runs, checks of finished folders, runs made again, sweeps, the claims of studies, forecasts, the store of kept findings
-and explanations read this one table. Functions stand by their names, as the store knows them, so that reading the table
-loads none of them; what a number is called and means stands in :mod:`maskfab.base.quantities`.
+and explanations read this one table, ``findings.json`` beside this file. Functions stand by their names, as the store
+knows them, so that reading the table loads none of them; what a number is called and means stands in
+:mod:`maskfab.base.quantities`.
 
 Notes:
     Seconds are those of one thread of the machine of the reference numbers. What another machine takes follows from
@@ -11,16 +12,18 @@ Notes:
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache, partial
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from maskfab.base.folders import APPENDIX, NUMBERS, OVERVIEW, PAGE, PRINT, REPORT, RESULT_MARK, VIEW
+from maskfab.base import folders
 from maskfab.base.units import NM_PER_UM
 
 
@@ -179,200 +182,40 @@ def _scene_bytes(die: Any, camera: Any, scene: Any, _: Any, plan: Any, *__: Any)
     )
 
 
-_FRACTIONS = ("mtf50", "mtf30", "mtf10")
-_READINGS = ("fused", "open")
+_COSTS: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        "photographs": _photographs_s,
+        "optics": _optics_s,
+        "scene": _scene_s,
+        "scene bytes": _scene_bytes,
+        "bands": lambda _written, _camera, spread, *_: 4.0 if spread else 0.0,
+    }
+)
+"""By the names in ``findings.json``, where a number is always the same."""
 
-FINDINGS: tuple[Finding, ...] = (
-    Finding("open ratio", (Need.PANEL,), sweep="runs.sweep_cases.open_ratio", gives=("open_ratio",)),
-    Finding(
-        "mtf",
-        (Need.PANEL, Need.CAMERA),
-        sweep="runs.sweep_cases.mtfs",
-        gives=("auc_radial_min", *_FRACTIONS, *(f"{name}_per_pixel" for name in _FRACTIONS)),
-    ),
-    Finding(
-        "restoration",
-        (Need.PANEL, Need.CAMERA),
-        sweep="runs.sweep_cases.restoration",
-        gives=("wiener_worst30", "wiener_noise_gain"),
-    ),
-    Finding(
-        "features",
-        (Need.PANEL, Need.PROCESS),
-        sweep="runs.sweep_cases.features",
-        gives=("min_feature", "min_space", "written_min_feature", "written_min_space"),
-        rows="corner_touches",
-        limits=(
-            ("corner_touches", "corner_touches"),
-            ("min_feature", "min_feature"),
-            ("min_space", "min_space"),
-            ("written_min_feature", "min_feature"),
-            ("written_min_space", "min_space"),
-        ),
-    ),
-    Finding(
-        "psf as written",
-        (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.PROCESS),
-        sweep="runs.sweep_cases.written_psf",
-        gives=tuple(
-            f"written_{name}_{reading}"
-            for name in ("open_ratio", "psf_difference", "psf_shape")
-            for reading in _READINGS
-        ),
-    ),
-    Finding(
-        "mtf as written",
-        (Need.PANEL, Need.CAMERA, Need.PROCESS),
-        sweep="runs.sweep_cases.written_mtf",
-        gives=tuple(f"written_{name}_{reading}" for name in ("auc_radial_min", "mtf50") for reading in _READINGS),
-    ),
-    Finding(
-        "scatter",
-        (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.PROCESS),
-        sweep="runs.sweep_cases.scatter",
-        gives=tuple(f"written_scattered_{reading}" for reading in _READINGS),
-    ),
-    Finding("surrogate", (Need.PANEL, Need.CAMERA), sweep="runs.sweep_cases.expected", gives=("expected_psnr",)),
-    Finding(
-        "footprint",
-        (Need.PANEL, Need.DISPLAY),
-        sweep="runs.sweep_cases.footprint",
-        gives=("led_footprint_largest", "led_footprint_bound"),
-    ),
-    Finding(
-        "displays",
-        (Need.PANEL, Need.DISPLAY),
-        ("display.feasibility.feasibility", "display.eye_and_life.judgement"),
-        sweep="runs.sweep_cases.display",
-        gives=(
-            *("display_fits", "led_footprint", "circuit_room", "flat_delta_e_mean", "grain_slow", "edge_fringe"),
-            *("reference_luminance", "reference_life", "reference_power"),
-        ),
-        rows=(
-            "local_resolution "
-            "led_footprint_rectangles circuit_room_* circuit_boxes_placed circuit_rules_broken emitter* "
-            "luminance_centroid flat_delta_e_95 grain_fine reference_footprint "
-            "current_density_* relative_life_* wire_lines_* wired_*"
-        ),
-        seconds=(_always(2.0), _always(0.1)),
-        figures=(("report.figures.display.pictures", 0.3),),
-    ),
-    Finding(
-        "optics",
-        (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.BLANK),
-        ("findings.optics.measure_with_bar",),
-        rows=(
-            "open_ratio stop_open_ratio auc_radial_min mtf[0-9{]* mtf_worst_* mtf_aliasing mtf_phase_range "
-            "wiener_* psf_energy_in_window ensquared_energy halo_energy *side_lobe streak_index "
-            "*strehl order* *colour_distance edge_colour_difference *_invariant_error model_* fast_lens "
-            "readback_psf_difference"
-        ),
-        files=("*.exr",),
-        seconds=(_optics_s,),
-        figures=(
-            ("report.figures.die.overview", 0.5),
-            ("report.figures.die.of_plate", 0.3),
-            ("report.figures.die.of_die", 0.4),
-        ),
-    ),
-    Finding(
-        "scene",
-        (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.FILES, Need.SCENE, Need.BLANK),
-        ("findings.scene.measure_scene",),
-        sweep="runs.sweep_cases.scene",
-        gives=("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
-        rows="plan_error_measured field_mtf_* field_restored_loss nearest_object",
-        seconds=(_scene_s,),
-        bytes=_scene_bytes,
-        figures=(("report.figures.scene.pictures", 0.5),),
-    ),
-    Finding(
-        "photographs",
-        (Need.PANEL, Need.CAMERA, Need.SCENE),
-        ("findings.photographs.photograph_die",),
-        sweep="runs.sweep_cases.photographs",
-        gives=("restored_psnr",),
-        rows="restored_* photograph* predicted_psnr",
-        noisy=True,
-        seconds=(_photographs_s,),
-        bytes=_always(_PHOTOGRAPHS_BYTES),
-        figures=(
-            ("report.figures.scene.photograph_pictures", 0.3),
-            ("report.figures.scene.truth", 0.05),
-            ("report.figures.scene.front", 0.05),
-        ),
-    ),
-    Finding(
-        "process",
-        (Need.PANEL, Need.CAMERA, Need.WINDOW, Need.PROCESS),
-        ("findings.as_written.measure_written", "findings.bands.band_quantities"),
-        rows=(
-            "written_* band_stop_open_ratio band_auc_radial_min band_mtf* band_psf_shape band_halo_energy "
-            "band_led_footprint sensitivity_psf_shape"
-        ),
-        seconds=(_always(1.5), lambda _written, _camera, spread, *_: 4.0 if spread else 0.0),
-        bytes=_always(400e6),
-        figures=(("report.figures.die.written_pictures", 0.35),),
-    ),
-    Finding(
-        "tolerance",
-        (Need.PANEL, Need.CAMERA, Need.PROCESS, Need.PHOTOGRAPHS),
-        ("findings.bands.restored_expansion",),
-        rows="band_restored_* sensitivity_restored_psnr",
-        noisy=True,
-        seconds=(_always(6.0),),
-        bytes=_always(500e6),
-    ),
-    Finding(
-        "read back",
-        (Need.PANEL, Need.FILES),
-        rows=(
-            "drawn_holes drawn_parted drawn_snapped drawn_split polygons cd_* readback_xor_area "
-            "readback_wrong_dots data_* judged_* *bitmap_* dot_edge_error* solid_* psf_file_*"
-        ),
-    ),
-    Finding("house", (Need.FILES, Need.HOUSE), rows="shop_*"),
-    Finding("notes", (Need.JOB,), rows="designed_for unused_keys display_seed assumed_tiling lens_view"),
-    Finding(
-        "look",
-        (Need.PANEL, Need.DISPLAY),
-        rows="pixels_per_degree centroid_offset grain_rms grain_predicted grain_[sf{]* *_delta_e_* *_jod edge_fringe",
-    ),
-    Finding(
-        "file of any maker",
-        (Need.FILES, Need.PANEL, Need.CAMERA, Need.HOUSE),
-        rows=(
-            "lies layer* other_layers passed_over rounding empty_polygons repeated_vertices approximated_curves "
-            "drawing_unit entities_* largest_gap *_by_parity array_drift "
-            "texts grey_pixels xor_area sliver_area optics mtf_difference raster_psf_difference rule_*"
-        ),
-    ),
-    Finding("captures", (Need.PANEL, Need.CAMERA, Need.CAPTURES), rows="captured_* measurement_left_out"),
-    Finding(
-        "edge",
-        (Need.CAMERA, Need.CAPTURES),
-        rows="edge_angle edge_mtf* edge_overshoot edge_asymmetry edge_light_change",
-    ),
-    Finding("study of optics", (Need.PANEL, Need.CAMERA, Need.WINDOW), rows="psf_difference"),
-    Finding(
-        "study of photographs",
-        (Need.PANEL, Need.CAMERA, Need.SCENE, Need.PHOTOGRAPHS),
-        rows="psnr psnr_inner ssim delta_e",
-        noisy=True,
-    ),
-    Finding(
-        "verification",
-        (Need.RESULT,),
-        rows=(
-            "sha256 unlisted readable job job_hash made_again report report_* reported* drawn_again foreign_bytes "
-            "package_folder mask_files extent paper profile files manifest_*"
-        ),
-    ),
-    Finding("self-test", (), rows="clear_stop_psf_error part_works"),
-    Finding("numbers", (Need.JOB, Need.FILES), files=(REPORT, NUMBERS)),
-    Finding("figures", (Need.JOB, Need.FILES), files=(PAGE, APPENDIX, VIEW, OVERVIEW, PRINT)),
-    Finding("hashes of the others", (Need.RESULT,), files=(RESULT_MARK,)),
-    Finding("drawing and writing", (Need.PANEL,), files=("*",)),
+
+def _cost(stated: str | float) -> Callable[..., float]:
+    return _COSTS[stated] if isinstance(stated, str) else _always(stated)
+
+
+def _finding(name: str, stated: dict[str, Any]) -> Finding:
+    """One finding of the file; files of a folder stand by the names of :mod:`maskfab.base.folders`."""
+    more: dict[str, Any] = {key: stated[key] for key in ("sweep", "rows", "noisy") if key in stated}
+    more |= {key: tuple(stated[key]) for key in ("functions", "gives") if key in stated}
+    more |= {key: tuple(stated[key].items()) for key in ("limits", "figures") if key in stated}
+    return Finding(
+        name,
+        tuple(Need[need] for need in stated["needs"]),
+        files=tuple(getattr(folders, file, file) for file in stated.get("files", ())),
+        seconds=tuple(map(_cost, stated.get("seconds", ()))),
+        bytes=_cost(stated["bytes"]) if "bytes" in stated else None,
+        **more,
+    )
+
+
+FINDINGS: tuple[Finding, ...] = tuple(
+    _finding(name, stated)
+    for name, stated in json.loads(Path(__file__).with_name("findings.json").read_text(encoding="utf-8")).items()
 )
 """Of the works about a die, the cheapest first; then what other verbs find, and what makes the files of a run."""
 

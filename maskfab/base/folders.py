@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 from maskfab.base import __version__
 from maskfab.base.effort import FormatCost
 from maskfab.base.errors import OutputError
-from maskfab.base.files import Aside, free_name, locked, make, not_writable, partial, stale
+from maskfab.base.files import Aside, free_name, locked, make, not_writable, partial, stale, writing
 from maskfab.base.provenance import sha256_of_file
 
 OLD = ".old"
@@ -303,31 +303,27 @@ def check_target(target: Path, *, force: bool) -> Place:
         OutputError: MF401 if the place cannot be written, MF402 if it is occupied.
     """
     path = Path(os.path.realpath(target))
-    try:
-        return _checked(target, path, force=force)
-    except OSError as error:  # a name that is too long, a folder that may not be read
-        raise not_writable(target, error) from error
-
-
-def _checked(target: Path, path: Path, *, force: bool) -> Place:
-    put_back(path)
-    if path.is_symlink():
-        what = f"{target} is a link that leads nowhere"
-        raise OutputError("MF401", what, cure="Remove that link, or give --out another folder")
-    if path.exists() and not path.is_dir():
-        raise OutputError("MF401", f"{target} is a file, not a directory", cure="Give --out the path of a folder")
-    if os.path.ismount(path):
-        cure = f"Choose a folder in it: --out {target / 'result'}"
-        raise OutputError("MF401", f"{target} is a disk of its own, which no folder can replace", cure=cure)
-    digest = None
-    if path.is_dir() and any(path.iterdir()):
-        digest = _replaceable(target, finished(path), force=force).digest
-    parent = path.parent
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise OutputError("MF401", f"{parent} cannot be written", cure="Choose another --out, or mend its permissions")
-    return Place(target, path, digest)
+    with writing(target):  # of a name that is too long, or a folder that may not be read
+        put_back(path)
+        if path.is_symlink():
+            what = f"{target} is a link that leads nowhere"
+            raise OutputError("MF401", what, cure="Remove that link, or give --out another folder")
+        if path.exists() and not path.is_dir():
+            raise OutputError("MF401", f"{target} is a file, not a directory", cure="Give --out the path of a folder")
+        if os.path.ismount(path):
+            cure = f"Choose a folder in it: --out {target / 'result'}"
+            raise OutputError("MF401", f"{target} is a disk of its own, which no folder can replace", cure=cure)
+        digest = None
+        if path.is_dir() and any(path.iterdir()):
+            digest = _replaceable(target, finished(path), force=force).digest
+        parent = path.parent
+        while not parent.exists():
+            parent = parent.parent
+        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+            raise OutputError(
+                "MF401", f"{parent} cannot be written", cure="Choose another --out, or mend its permissions"
+            )
+        return Place(target, path, digest)
 
 
 def _replaceable(target: Path, result: Finished | None, *, force: bool) -> Finished:
@@ -353,12 +349,10 @@ def staged(place: Place) -> Iterator[Path]:
         OutputError: MF401 if the place cannot be written or has no room left, MF404 if it is no longer as it was.
     """
     target = place.path
-    try:
+    with writing(place.asked):
         target.parent.mkdir(parents=True, exist_ok=True)
         _sweep(target)
         aside = make(target, _NEW, os.mkdir)
-    except OSError as error:
-        raise not_writable(place.asked, error) from error
     try:
         yield aside.path
         _put(aside, place)
@@ -489,27 +483,23 @@ def put_back(target: Path) -> None:
 
 def check_file(target: Path, *, force: bool) -> None:
     """Refuse to write a file over another, or where nothing can be written (MF401, MF402)."""
-    try:
-        _check_file(target, force=force)
-    except OSError as error:
-        raise not_writable(target, error) from error
-
-
-def _check_file(target: Path, *, force: bool) -> None:
-    if target.is_dir():
-        raise OutputError("MF401", f"{target} is a directory", cure="Give --out the path of a file")
-    if target.exists() and not target.is_file():
-        what = f"{target} is a device, which no file can replace"
-        raise OutputError("MF401", what, cure="Give --out the path of an ordinary file")
-    if target.exists() and not force:
-        raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
-    path = Path(os.path.realpath(target))
-    if path.is_symlink():
-        what = f"{target} is a link that leads nowhere"
-        raise OutputError("MF401", what, cure="Remove that link, or give --out another path")
-    parent = path.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise OutputError("MF401", f"{target} cannot be written", cure="Choose a directory that exists and is writable")
+    with writing(target):
+        if target.is_dir():
+            raise OutputError("MF401", f"{target} is a directory", cure="Give --out the path of a file")
+        if target.exists() and not target.is_file():
+            what = f"{target} is a device, which no file can replace"
+            raise OutputError("MF401", what, cure="Give --out the path of an ordinary file")
+        if target.exists() and not force:
+            raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
+        path = Path(os.path.realpath(target))
+        if path.is_symlink():
+            what = f"{target} is a link that leads nowhere"
+            raise OutputError("MF401", what, cure="Remove that link, or give --out another path")
+        parent = path.parent
+        if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+            raise OutputError(
+                "MF401", f"{target} cannot be written", cure="Choose a directory that exists and is writable"
+            )
 
 
 def write_text(target: Path, text: str, *, replace: bool = True) -> None:

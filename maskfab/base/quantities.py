@@ -81,7 +81,6 @@ _DATA = json.loads(Path(__file__).with_name("quantities.json").read_text(encodin
 FAMILIES: Mapping[str, str] = MappingProxyType(_DATA["families"])
 """Words of families, and what may stand in their place: a regular expression."""
 
-
 _WORDS: Mapping[str, Mapping[str, str]] = {
     name: words for group in _DATA["quantities"].values() for name, words in group.items()
 }

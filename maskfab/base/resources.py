@@ -1,21 +1,17 @@
 """Bundled data, in a checkout and in an installed wheel alike: layouts, templates, and explanations of the error codes.
 
-The meanings of codes stand in :data:`maskfab.base.errors.CATALOGUE`; example, usual cause and cure are in
-``error_codes.toml`` beside this file, which is read only when somebody asks.
+Explanations of codes are in ``error_codes.toml`` beside this file, as :func:`maskfab.base.errors.catalogue` reads them.
 """
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
-from maskfab.base.errors import CATALOGUE, InternalError, JobError
+from maskfab.base.errors import InternalError, JobError, catalogue
 
 
 def template(name: str) -> str:
@@ -63,28 +59,22 @@ class Explanation:
 def explained(code: str) -> Explanation:
     """The explanation of a code, which may be written in small letters; MF105 for an unknown one."""
     name = code.strip().upper()
-    if name not in CATALOGUE:
+    if name not in catalogue():
         raise JobError("MF105", f"there is no error code {code!r}", where="CODE", cure=_near(name))
-    return Explanation(name, CATALOGUE[name], **_written()[name])
+    return Explanation(name, **catalogue()[name])
 
 
 def grouped() -> Mapping[str, tuple[str, ...]]:
     """Codes under the headings of :data:`GROUPS`, in ascending order."""
     return {
-        heading: tuple(sorted(code for code in CATALOGUE if code.startswith(start)))
+        heading: tuple(sorted(code for code in catalogue() if code.startswith(start)))
         for start, heading in GROUPS.items()
     }
 
 
 def _near(code: str) -> str:
     number = code.removeprefix("MF")
-    swapped = [name for name in CATALOGUE if sorted(name) == sorted(f"MF{number}")]
-    likely = swapped or get_close_matches(f"MF{number}", CATALOGUE, n=3, cutoff=0.6)
+    swapped = [name for name in catalogue() if sorted(name) == sorted(f"MF{number}")]
+    likely = swapped or get_close_matches(f"MF{number}", catalogue(), n=3, cutoff=0.6)
     listed = "maskfab explain lists all codes"
     return f"Did you mean {' or '.join(likely)}? {listed}" if likely else f"Codes are MF and three digits; {listed}"
-
-
-@cache
-def _written() -> Mapping[str, dict[str, str]]:
-    text = files("maskfab.base").joinpath("error_codes.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)

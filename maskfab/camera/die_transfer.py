@@ -61,7 +61,6 @@ from maskfab.optics.stop import Waves, inside
 _PLACES = 257
 _MOST_KEPT = 512
 
-
 T = TypeVar("T")
 
 

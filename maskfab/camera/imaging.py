@@ -31,7 +31,6 @@ class Blur(Protocol):
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
 
-
 LARGE = 8_000_000
 """Pixels of a picture from which on nothing is kept that can be computed again."""
 

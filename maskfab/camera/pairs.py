@@ -213,14 +213,16 @@ class Plan:
         """Facts of a pair; rows and columns count from the photograph's top left corner."""
         die = self.dies[drawn.die]
         electrons = die.electrons[drawn.level]
-        facts = {"number": drawn.number, "photograph": self.sources[drawn.source].path.name}
-        facts |= {
+        return {
+            "number": drawn.number,
+            "photograph": self.sources[drawn.source].path.name,
             "top": drawn.crop[0],
             "left": drawn.crop[1],
             "die": die.name,
             "level_db": float(self.levels[drawn.level]),
+            "electrons_of_white": electrons,
+            "gain": float(self.sensor.gain_for(electrons)),
         }
-        return {**facts, "electrons_of_white": electrons, "gain": float(self.sensor.gain_for(electrons))}
 
 
 def by_split(names: Sequence[str], wanted: Wanted) -> tuple[list[int], tuple[int, int, int]]:

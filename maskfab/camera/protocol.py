@@ -414,10 +414,7 @@ class _Case:
 
 def _means(values: NDArray[np.floating[Any]], trim: int) -> tuple[float, float]:
     """Means over a map [..., rows, columns], and without ``trim`` elements at each edge."""
-    return (
-        float(values.mean(dtype=np.float64)),
-        float(values[..., trim:-trim, trim:-trim].mean(dtype=np.float64)),
-    )
+    return (float(values.mean(dtype=np.float64)), float(values[..., trim:-trim, trim:-trim].mean(dtype=np.float64)))
 
 
 def _times(bright: float, picture: Singles) -> Singles:

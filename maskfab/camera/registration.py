@@ -80,12 +80,7 @@ class Similarity:
         return np.asarray(seen)
 
 
-def rough_match(
-    first: Singles,
-    first_valid: Mask,
-    second: Singles,
-    second_valid: Mask,
-) -> Similarity:
+def rough_match(first: Singles, first_valid: Mask, second: Singles, second_valid: Mask) -> Similarity:
     """The turn, scale and shift of the best correlation.
 
     Args:

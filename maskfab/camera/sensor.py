@@ -37,12 +37,7 @@ LEVELS = (24, 32, 40)
 
 
 def record_light(
-    sensor: Sensor,
-    light: NDArray[np.float32],
-    electrons: float,
-    seed: int,
-    *,
-    gain: float | None = None,
+    sensor: Sensor, light: NDArray[np.float32], electrons: float, seed: int, *, gain: float | None = None
 ) -> Record:
     """Light in units of white, as a sensor records it.
 

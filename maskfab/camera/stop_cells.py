@@ -140,7 +140,6 @@ def _sides(stop: Stop) -> str:
 F1 = PhotoCamera(10_000.0, Stop("circle", 4000.0), 2.0, (610.0, 530.0, 470.0))
 """The camera of protocol F1, of red, green and blue."""
 
-
 Lagged = NDArray[Any]
 """Of float64, or of complex128 where light has a phase."""
 
@@ -197,12 +196,7 @@ class CellGrid:
 
 
 def lattice(
-    dots: int,
-    dot_nm: int | None = None,
-    *,
-    camera: PhotoCamera = F1,
-    odd: bool = False,
-    where: str = "design.dots",
+    dots: int, dot_nm: int | None = None, *, camera: PhotoCamera = F1, odd: bool = False, where: str = "design.dots"
 ) -> CellGrid:
     """The fewest cells of ``dots`` dots a side that cover the stop.
 
@@ -375,11 +369,7 @@ class OpenStop:
 
     @classmethod
     def of(
-        cls,
-        room: CellGrid,
-        wavelength_nm: float,
-        per_cycle: float | None = None,
-        amplitude: Complexes | None = None,
+        cls, room: CellGrid, wavelength_nm: float, per_cycle: float | None = None, amplitude: Complexes | None = None
     ) -> OpenStop:
         """The open stop at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
         table = _open_table(room) if amplitude is None else pupil_autocorrelation(amplitude)

@@ -100,7 +100,6 @@ class Parameter:
 JSON = Parameter("as_json", bool, "Print a single JSON document on stdout.", False, ("--json",))
 QUIET = Parameter("quiet", bool, "Show no progress on stderr.", False, ("--quiet",))
 
-
 _FORCE = Parameter("force", bool, "Replace an earlier result.", False, ("--force",))
 
 

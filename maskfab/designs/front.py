@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -66,28 +66,21 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-
 Uneven = tuple[tuple[str, float | str], ...]
 """Keys of [design] that share light unevenly, the one that tells how much last."""
-
 
 ROUNDING = 1e-9
 """Shares of a pixel that differ by less are equal."""
 
-
 _BATCH = 64
-
 
 _MIDDLES = 12
 """Densities of the middle that are looked at, evenly between one opening's and the most that emitters leave."""
 
-
 _LESS_GRAIN = 0.001
-
 
 _STEP = 0.0025
 """Footprints count as more from so much of the pixel on: less is no reason for another design."""
-
 
 _DEPTH_DB = 0.5
 """Openings whose PSNR is so far below the best that the display fits are not looked at: fewer dots do better there."""
@@ -373,9 +366,7 @@ def require_uneven(pareto: ParetoSection, section: SearchSection, display: Displ
 
 def _uneven(pareto: ParetoSection) -> list[Uneven]:
     """Ways to share light unevenly that a sweep tries, as keys of [design]."""
-    return [
-        *((("density", share),) for share in sorted(set(pareto.density), key=lambda share: (share == "search", share))),
-    ]
+    return [(("density", share),) for share in sorted(set(pareto.density), key=lambda one: (one == "search", one))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -561,18 +552,11 @@ class _Sweep:
         self, chosen: Sequence[JudgedOpening], count: int, steps: int | None
     ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
         """Those that fit on the panel of a die, and why others do not."""
-        points: list[FrontPoint] = []
-        misfits: list[str] = []
         stage = f"{count} clear dots: maps and dies"
         self.progress(stage, 0, len(chosen))
         alone = replace(self, executor=ALONE, progress=silent)
         calls = [Call(_Sweep._lay, partial(tuple, (alone, one, steps))) for one in chosen]
-        for made in self.executor.run_alike(calls, lambda done: self.progress(stage, done, len(chosen))):
-            if isinstance(made, FrontPoint):
-                points.append(made)
-            else:
-                misfits.append(made)
-        return tuple(points), tuple(misfits)
+        return _parted(self.executor.run_alike(calls, lambda done: self.progress(stage, done, len(chosen))))
 
     def _seconds(self, judged: JudgedOpening) -> float:
         """Time to lay an opening, its map and its die, with as many at once as there are processors."""
@@ -612,24 +596,18 @@ class _Sweep:
         self, uniform: JudgedOpening, rules: Constraints, asked: Sequence[Uneven], clock: Clock
     ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
         """Designs of an opening's light shared unevenly, each for the most lines that pass; why others fail."""
-        points: list[FrontPoint] = []
-        misfits: list[str] = []
+        every: list[FrontPoint | str] = []
         for uneven in asked:
             if sought(uneven):
-                middle, unlike = self._middles(uniform, rules, clock)
-                points += middle
-                misfits += unlike
+                every += self._middles(uniform, rules, clock)
                 continue
             made: FrontPoint | str = ""
             for lines in reversed(self.lines):
                 made = self._of_two(uniform, rules, uneven, lines, clock)
                 if isinstance(made, FrontPoint):
                     break
-            if isinstance(made, FrontPoint):
-                points.append(made)
-            else:
-                misfits.append(made)
-        return tuple(points), tuple(misfits)
+            every.append(made)
+        return _parted(every)
 
     def _of_two(
         self, uniform: JudgedOpening, rules: Constraints, uneven: Uneven, lines: int, clock: Clock
@@ -659,7 +637,7 @@ class _Sweep:
         value = self._weighted(psnr)
         return self._shown(FrontPoint(uniform, shape, made.units, uneven, made.share, lines, psnr, value, cells, 0.0))
 
-    def _middles(self, uniform: JudgedOpening, rules: Constraints, clock: Clock) -> tuple[list[FrontPoint], list[str]]:
+    def _middles(self, uniform: JudgedOpening, rules: Constraints, clock: Clock) -> Iterator[FrontPoint | str]:
         """Middles of every density that the display's most lines leave, gain against grain; why others fail."""
         assert self.error is not None
         lines, seed, progress = self.lines[-1], self.section.drawn_seed, self._told(uniform.clear_dots)
@@ -679,23 +657,17 @@ class _Sweep:
                 uniform.unit, self.error, asked, find, constraints=held, counts=counts, seed=seed, progress=progress
             )
         except InputError as refusal:
-            return [], [f"density search, {lines} lines: {refusal.code} {refusal.what}"]
-        points: list[FrontPoint] = []
-        misfits: list[str] = []
+            yield f"density search, {lines} lines: {refusal.code} {refusal.what}"
+            return
         for one in spread(stair(looked), self.pareto.points):
             uneven: Uneven = (("outer_dots", one.shares.sparse), ("density", one.shares.dense / self.rules.dots**2))
             shape = f"{one.shares.dense} dots in {int(one.shares.denser.sum())} cells, {one.shares.sparse} beyond"
             try:
                 made = laid(uniform.unit, self.error, [(one.units, one.shares)], held, seed, 0, progress)
             except InputError as refusal:
-                misfits.append(f"{shape}: {refusal.code} {refusal.what}")
+                yield f"{shape}: {refusal.code} {refusal.what}"
                 continue
-            point = self._of_graded(made, uniform, shape, uneven, lines)
-            if isinstance(point, FrontPoint):
-                points.append(point)
-            else:
-                misfits.append(point)
-        return points, misfits
+            yield self._of_graded(made, uniform, shape, uneven, lines)
 
     def _told(self, count: int) -> Progress:
         return lambda stage, done, total: self.progress(f"{count} clear dots: {stage}", done, total)
@@ -705,6 +677,12 @@ class _Sweep:
             return None
         mode, seed = MapMode(self.section.map), self.section.drawn_seed
         return design_map(unit, self.error, mode=mode, seed=seed, kicks=0, steps=steps)
+
+
+def _parted(every: Iterable[FrontPoint | str]) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
+    """Designs, and why others fail."""
+    made = list(every)
+    return tuple(one for one in made if isinstance(one, FrontPoint)), tuple(one for one in made if isinstance(one, str))
 
 
 def sought(uneven: Uneven) -> bool:

@@ -17,9 +17,7 @@ from maskfab.mask.panels import CellMap
 
 _SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "circuits", "wires", "light")
 
-
 _DIGITS = 1e4
-
 
 _OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
 """Keys of [design] that two openings have no use for, as if they were not stated."""

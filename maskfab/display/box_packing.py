@@ -338,8 +338,7 @@ class Packing:
             if not open_kinds:
                 break
             number = min(
-                open_kinds,
-                key=lambda number: -size[number] if heaviest_first else counts[number] / need[number],
+                open_kinds, key=lambda number: -size[number] if heaviest_first else counts[number] / need[number]
             )
             tables = [_table(anchors) for anchors in left]
             weights = [need[shape.kind] / max(1, counts[shape.kind]) for shape in self.shapes]

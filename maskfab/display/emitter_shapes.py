@@ -178,11 +178,7 @@ def _cuts(
             def windows(i: int, j: int, right: int = right, across: bool = across) -> tuple[Window, Window, Window]:
                 near = (0, n - gap - i) if right else (i + gap, n)
                 far = (n - i, n) if right else (0, i)
-                return (
-                    turned((0, n, *near), across),
-                    turned((0, j, *far), across),
-                    turned((j + gap, n, *far), across),
-                )
+                return (turned((0, n, *near), across), turned((0, j, *far), across), turned((j + gap, n, *far), across))
 
             yield least(single[..., None], lower, upper), windows
 

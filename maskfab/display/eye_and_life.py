@@ -37,7 +37,6 @@ _LIFE = (
 )
 _NO_LIMIT = "no published limit was found: judged where the job states one"
 
-
 TITLES = MappingProxyType(
     {
         "delta_e": "ΔE of even white",
@@ -207,11 +206,7 @@ class EyeAndLife:
 
 
 def judgement(
-    panel: Panel,
-    asked: EyeAndLife,
-    rules: EmitterRules,
-    light: LightDemand,
-    of_map: tuple[int, int] | None = None,
+    panel: Panel, asked: EyeAndLife, rules: EmitterRules, light: LightDemand, of_map: tuple[int, int] | None = None
 ) -> Judgement:
     """Look at a display, and hold its emitters against those of its reference."""
     viewing = asked.viewing(panel.cell_size.pitch_um)

@@ -45,7 +45,6 @@ from maskfab.display.free_area import Squares
 _WORK = 2**31
 """Bits moved before the search stops; what it has not reached by then is longer than what it has."""
 
-
 _SUBSETS = tuple(subset for size in (1, 2, 3) for subset in combinations(range(3), size))
 
 

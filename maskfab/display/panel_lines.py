@@ -36,9 +36,7 @@ from maskfab.display.pixel_lines import WireRules
 
 Axis = Literal["x", "y"]
 
-
 AXES: tuple[Axis, Axis] = ("x", "y")
-
 
 _SLABS_PER_LANE = 3
 
@@ -338,7 +336,6 @@ def _corners(turns: Ints, places: Ints, cuts: Ints, axis: Axis) -> tuple[Point, 
 _BESIDE = ((0, 0), (0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns on to the cells in which a chain goes on; those before are met from the other end."""
 
-
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 
 
@@ -513,11 +510,7 @@ class _Chains:
         for pair in pairwise(chain):
             points += self._link(*pair)[1]
         last = chain[-1]
-        return (
-            *points,
-            (int(self.ends[last, 1]), int(self.tops[last, 1])),
-            (high, int(self.tops[last, 1])),
-        )
+        return (*points, (int(self.ends[last, 1]), int(self.tops[last, 1])), (high, int(self.tops[last, 1])))
 
 
 def _passing(gap: Ints, rules: WireRules) -> Ints:
@@ -544,13 +537,7 @@ def _gaps(ones: list[Ints], others: list[Ints], step: Ints, dot: int) -> Ints:
 
 
 def _certificate(
-    chains: _Chains,
-    rules: WireRules,
-    passing: int,
-    wanted: int,
-    pixels: tuple[int, int],
-    chain: list[int],
-    axis: Axis,
+    chains: _Chains, rules: WireRules, passing: int, wanted: int, pixels: tuple[int, int], chain: list[int], axis: Axis
 ) -> Certificate:
     kind = "columns" if axis == "y" else "rows"
     first, last = pixels

@@ -126,11 +126,7 @@ class LargestGap:
 
 
 def largest_gap(
-    opening: Opening,
-    dot_nm: int,
-    gutter_nm: int,
-    orientations: Iterable[int],
-    rules: EmitterRules,
+    opening: Opening, dot_nm: int, gutter_nm: int, orientations: Iterable[int], rules: EmitterRules
 ) -> LargestGap:
     """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one."""
     used = tuple(orientations)

@@ -27,12 +27,7 @@ from maskfab.optics.polynomials import gauss_legendre
 _RADII, _ANGLES = 6, 24
 
 
-def turned_grain(
-    emitters: Emitters,
-    viewing: Viewing,
-    *,
-    elements: Iterable[int] = range(ORIENTATIONS),
-) -> float:
+def turned_grain(emitters: Emitters, viewing: Viewing, *, elements: Iterable[int] = range(ORIENTATIONS)) -> float:
     """rms luminance contrast, as slow grain, of a white field of pixels that each draw one of the elements.
 
     Args:

@@ -45,14 +45,7 @@ from maskfab.camera.field_transfer import OverField
 from maskfab.camera.imaging import Design, RestoredBy
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.findings.as_written import Written, WrittenOptics, fused_optics, parts_about_edges, written_openings
-from maskfab.findings.photographs import (
-    Conditions,
-    Photographs,
-    Surroundings,
-    drawn_scenes,
-    middle_level,
-    noise_told,
-)
+from maskfab.findings.photographs import Conditions, Photographs, Surroundings, drawn_scenes, middle_level, noise_told
 from maskfab.findings.scene import scene_reach_um
 from maskfab.job.camera import Camera
 from maskfab.job.process import Process

@@ -283,9 +283,7 @@ class _Shown:
         here = self.psf(line, self.corner, self.farthest_off)
         true = self.psf(line, self.corner, self.farthest_off, plan=full_plan(plan))
         plain = point_psf(
-            cut(moved_aperture(self.openings, AXIS, self.camera.stop.diameter_um / 2), self.camera.stop),
-            sampled,
-            line,
+            cut(moved_aperture(self.openings, AXIS, self.camera.stop.diameter_um / 2), self.camera.stop), sampled, line
         )
         lines, bands = relative_difference(here, true), self._bands_apart()
         # Where a band's own difference leaves out that of a line, both together are between their difference and sum.

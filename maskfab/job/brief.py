@@ -285,12 +285,7 @@ def _refuse(brief: Brief) -> None:
         ("pitch", pitch > stop, f"the camera's stop is {stop:g} um{wide}", "Give a finer display, or a wider stop"),
         ("emitters", brief.emitters + clear >= 1, both, "Give less of one"),
         ("lines", brief.room == 0, crossing + wide, "Give fewer or narrower lines, or a wider pitch"),
-        (
-            "open",
-            clear > brief.room**2,
-            f"open = {clear:.1%}, and {crossing}{wide}",
-            "Open less, or give fewer lines",
-        ),
+        ("open", clear > brief.room**2, f"open = {clear:.1%}, and {crossing}{wide}", "Open less, or give fewer lines"),
     ]
     for key in RULES:
         length = getattr(brief, key)

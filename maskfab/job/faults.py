@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
@@ -53,57 +54,7 @@ _UNKNOWN = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
 _MISSING = frozenset({"missing", "missing_argument"})
 
-MEANT: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "stop": ("f_number", "fnumber", "f_stop", "fstop", "f", "aperture", "n", "diameter", "pupil", "iris"),
-        "focal": ("focal_length", "f_length", "efl", "lens", "f_mm"),
-        "wavelengths": ("wavelength", "lambda", "lambdas", "lines", "colours", "colors"),
-        "pixel": ("pixel_size", "pixel_pitch", "sensor_pixel", "sensor_pitch", "photosite"),
-        "window": ("psf_window", "psf_size", "field"),
-        "pitch": ("dpi", "ppi", "period", "pixel_pitch", "cell_size", "cell", "resolution", "size"),
-        "dot": ("dot_size", "dot_pitch", "feature", "element"),
-        "dots": ("n", "size", "grid", "cells"),
-        "gutter": ("spacing", "border"),
-        "clear_dots": ("open_dots", "clear", "open_ratio", "fill_factor", "ltr", "transmission"),
-        "opening": ("mask", "pattern", "file", "openings"),
-        "tiling": ("arrangement", "layout", "order", "orientation"),
-        "tiling_seed": ("random_seed",),
-        "seed": ("random_seed", "rng"),
-        "die_size": ("size", "width", "die_width"),
-        "die_pitch": ("pitch", "spacing", "step"),
-        "columns": ("cols", "across"),
-        "blank": ("plate_size", "substrate"),
-        "full_well": ("well", "full_well_capacity", "fwc", "saturation"),
-        "read_noise": ("noise", "sigma"),
-        "bits": ("bit_depth", "adc_bits"),
-        "mosaic": ("bayer", "cfa"),
-        "gain": ("analog_gain", "analogue_gain", "amplification"),
-        "iso": ("sensitivity", "iso_speed"),
-        "max_gain": ("gain_max", "most_gain"),
-        "converter_noise": ("adc_noise", "late_noise"),
-        "banding": ("row_noise", "stripes"),
-        "snr": ("snr_db", "level", "levels", "db"),
-        "white": ("electrons", "white_electrons"),
-        "time": ("exposure_time", "exposure", "integration_time", "shutter"),
-        "quantum_efficiency": ("qe",),
-        "gap_to_opening": ("gap", "opening_gap", "clearance", "to_opening"),
-        "colour_gap": ("gap", "spacing", "space"),
-        "min_width": ("width", "min_size", "minimum_width"),
-        "required": ("footprint", "share", "area", "fill_factor", "aperture_ratio"),
-        "line": ("width", "line_width"),
-        "space": ("gap", "spacing", "line_space"),
-        "clearance": ("gap", "gap_to_opening"),
-        "distance": ("viewing_distance",),
-        "corner_radius": ("radius", "rounding"),
-        "cd_bias": ("bias",),
-        "formats": ("format", "files"),
-        "shop": ("house", "vendor"),
-        "camera": ("lens", "optics", "sensor_and_lens"),
-        "die": ("dies", "panel", "panels"),
-        "emitters": ("emitter", "leds", "subpixels", "oled"),
-        "wires": ("wiring", "wire", "lines", "tracks"),
-    }
-)
+MEANT: Mapping[str, list[str]] = json.loads(Path(__file__).with_name("meant.json").read_text(encoding="utf-8"))
 """Keys, and what others call them; a key is meant only in a table that has it."""
 
 

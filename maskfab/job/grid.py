@@ -55,12 +55,7 @@ def widest_dot_nm(camera: Camera, lines_nm: Sequence[float]) -> float:
 
 
 def nearest_grid(
-    pitch_nm: int,
-    rules_nm: Sequence[int],
-    *,
-    dots: int | None = None,
-    gutter_nm: int = 0,
-    widest_nm: float = math.inf,
+    pitch_nm: int, rules_nm: Sequence[int], *, dots: int | None = None, gutter_nm: int = 0, widest_nm: float = math.inf
 ) -> Grid | None:
     """The best grid of at most 128 cells along a pixel; None where dots cannot be so fine.
 

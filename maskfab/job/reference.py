@@ -20,6 +20,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Set
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -27,7 +28,7 @@ from pydantic import TypeAdapter
 
 from maskfab.base.errors import JobError
 from maskfab.job import camera, die, order, process, sections
-from maskfab.job.sections import IN_TITLE, AssumedPlate, JobSpec
+from maskfab.job.sections import AssumedPlate, JobSpec
 from maskfab.job.values import AnySection, Section, Stated, key_of, sections_of, values_of
 
 Keys = tuple[str, ...]
@@ -36,96 +37,17 @@ INNER = frozenset({"openings", "maps", "curves", "shops"})
 """Tables that a resolved job holds and nobody writes."""
 
 
-def _of(table: str, keys: str) -> Keys:
-    return tuple(f"{table}.{key}" for key in keys.split())
-
-
 _NAMES: Keys = ("job", "die.name", "die.label")
-_LENS = _of("camera", "focal stop wavelengths pixel")
-_CAMERA: Keys = (*_LENS, "camera.window")
-_DIES: Keys = ("die", "plate.die_size")
-_LAYOUT: Keys = (
-    *_DIES,
-    *_of("plate", "template blank writable die_pitch columns"),
-    *_of("plate", " ".join(IN_TITLE)),
-    "export.grid",
-)
-_BLANK = _of("plate", "optical_density film_phase glass")
-_FIT: Keys = ("emitters", "circuits", "display", "looks", *_of("wires", "line space clearance lines transparent"))
-_PLACES = _of("scene", "accuracy depth focus field gap aberrations")
-_LIGHT = _of("scene", "spectrum illuminant")
-_OPTICS: Keys = (*_PLACES, *_LIGHT, *_of("scene", "distortion saturation projection tilt"))
-_GAIN = _of("sensor", "gain iso base_iso max_gain converter_noise banding")
-_SENSOR = (*_of("sensor", "full_well read_noise bits black_level mosaic"), *_GAIN)
-_PHOTOGRAPHS: Keys = (*_DIES, *_LENS, *_SENSOR, "exposure")
-_EDGES: Keys = (*_of("process", "corner_radius cd_bias roughness"), "order.bias")
-_STANDS: Keys = ("plate.glass.chrome", *_of("order", "parity chrome"))
-_OFFERS = _of(
-    "order",
-    "glass thickness film optical_density cd registration defects protection corner_touches quantity",
-)
-_HOUSE: Keys = (*_LAYOUT, *_OFFERS, *_of("order", "tone parity chrome bias"), *_BLANK[::2], "export", "process.cd_bias")
+_STATED = json.loads(Path(__file__).with_name("uses.json").read_text(encoding="utf-8"))
 
-USES: Mapping[str, Keys] = MappingProxyType({
-    "run": (
-        *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
-        *_of("order", "tone parity chrome cd"),
-        *("limits", "emitters", "circuits", "display", "wires", "light", "exposure", "export", "report"),
-    ),
-    "run for a display": ("looks", "lives"),
-    "run for a house": _OFFERS,
-    "order pack": (*_HOUSE, "order"),
-    "order fill": (*_LAYOUT, *_BLANK[::2], *_of("export", "shop chrome"), "order", "process.cd_bias"),
-    "order compare": (*_HOUSE, "order"),
-    "check": (*_LAYOUT, "emitters", "circuits", "display", "wires", "light", "looks", "lives", "report.reference"),
-    "order pack --dry-run": _HOUSE,
-    "check --look": (*_LAYOUT, *_FIT),
-    "check --optics": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
-    "simulate": _PHOTOGRAPHS,
-    "learn": _PHOTOGRAPHS,
-    "simulate a scene": (*_PLACES, *_LIGHT, "plate.glass", "camera.window"),
-    "simulate --protocol": _DIES,
-    "restore": (*_DIES, *_LENS, *_STANDS),
-    "restore by its sensor": _SENSOR,
-    "study": (*_DIES, "study"),
-    "study of optics": _CAMERA,
-    "self bench": (*_LAYOUT, *_CAMERA),
-    "measure": (*_DIES, *_of("camera", "focal stop pixel"), *_SENSOR, *_STANDS, "process.cd_bias", "order.bias",
-                "export.shop"),
-    "edge": (*_DIES, *_of("camera", "focal stop pixel"), *_STANDS),
-    "measure by lines": ("camera.wavelengths",),
-    "measure without --line": _LIGHT,
-    "measure without a die": ("camera.pixel",),
-    "design": ("design", *_LENS),
-    "design by its own light": (*_of("sensor", "read_noise bits black_level"), *_GAIN,
-                                *_of("exposure", "snr white luminance time quantum_efficiency")),
-    "design for a scene": (*_PLACES, "plate.glass"),
-    "design that fits": (*_FIT, "plate.die_size"),
-    "design of a chosen share": ("light", "lives"),
-    "design over a spread": _of("process.spread", "bias centre"),
-    "design --front": ("pareto", *_LENS, *_FIT, "plate.die_size",
-               *_of("design", "name method dots pitch tiling tiling_seed seed rules families map weights protocol")),
-    "advise": (
-        *_CAMERA, *_OPTICS, *_SENSOR, *_HOUSE, *_of("process.spread", "bias centre"),
-        *("design", "emitters", "circuits", "display", "wires", "light", "looks", "lives", "exposure", "order"),
-        "report.reference",
-    ),
-    "verify --against": (*_LAYOUT, *_CAMERA, *_BLANK, *_of("order", "tone parity chrome bias"), "limits",
-                         *_of("export", "shop max_vertices")),
-    "sweep": ("limits",),
-    "sweep open ratio": _DIES,
-    "sweep mtf": (*_DIES, *_CAMERA),
-    "sweep restoration": (*_DIES, *_CAMERA),
-    "sweep features": (*_DIES, *_EDGES),
-    "sweep psf as written": (*_DIES, *_CAMERA, *_EDGES),
-    "sweep mtf as written": (*_DIES, *_CAMERA, *_EDGES),
-    "sweep scatter": (*_DIES, *_CAMERA, *_EDGES),
-    "sweep surrogate": (*_DIES, *_LENS),
-    "sweep footprint": (*_DIES, "emitters"),
-    "sweep displays": (*_DIES, *_FIT, "light", "lives"),
-    "sweep scene": (*_CAMERA, *_DIES, *_BLANK, *_OPTICS),
-    "sweep photographs": _PHOTOGRAPHS,
-})  # fmt: skip
+
+def _keys(listed: str) -> Iterator[str]:
+    """Keys and tables of a list, in which ``$`` stands before the name of a group of them."""
+    for word in listed.split():
+        yield from _keys(_STATED["groups"][word[1:]]) if word[0] == "$" else (word,)
+
+
+USES: Mapping[str, Keys] = MappingProxyType({verb: tuple(_keys(listed)) for verb, listed in _STATED["uses"].items()})
 """By verb; and what it uses more where it is asked in one way, or instead."""
 
 
@@ -170,37 +92,7 @@ def _unused(section: AnySection, path: str, used: frozenset[str]) -> Iterator[st
                 yield from _unused(table, here, used)
 
 
-FORMS: Mapping[str, str] = MappingProxyType(
-    {
-        "LengthOrZero": 'length with its unit, or "0 um"',
-        "SignedLength": 'length of either sign, such as "-0.1 um"',
-        "LookedFrom": 'length from 10 mm to 100 m, such as "300 mm"',
-        "PlateLength": 'length up to 2 m, such as "5 in"',
-        "Length": 'length with its unit, such as "8 um"',
-        "Dpi": 'dots per inch, such as "25400 dpi"',
-        "Pitch": 'length or resolution, such as "168 um" or "302 DPI"',
-        "Wavelength": 'list of lengths, such as ["610 nm", "530 nm"]',
-        "Area": 'area, such as "1985 um^2"',
-        "ThreeColours": "three positive numbers: red, green, blue",
-        "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
-        "Counts": "list of whole numbers, or { from, to, step }",
-        "Frequency": 'list of frequencies, such as ["30 cy/mm", "60 cy/mm"]',
-        "Time": 'time with its unit, such as "10 ms"',
-        "Accuracy": '"draft", "standard", "certify" or a number',
-        "Depth": 'pair of distances, such as ["1 m", "inf"]',
-        "Distance": 'length, or "inf"',
-        "LensDistortion": '{ ratio, height }, such as { ratio = 0.02, height = "2 mm" }',
-        "Aberrations": "list of pairs, such as [[11, 0.02]]",
-        "Spectrum": '"lines", "rgb" or a file',
-        "Illuminant": '"equal", a temperature such as "6500 K", or a file',
-        "Formats": "list of formats",
-        "Names": "name, or list of names",
-        "Name": "name",
-        "DrawnText": "ASCII text",
-        "Line": "one line of text, at most 200 characters",
-        "ObjectiveName": "table of an objective's name and its weight",
-    }
-)
+FORMS: Mapping[str, str] = json.loads(Path(__file__).with_name("forms.json").read_text(encoding="utf-8"))
 """Forms of values by the names of their types, where those say more than the plain type does."""
 _PLAIN: Mapping[str, str] = MappingProxyType(
     {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
@@ -208,7 +100,6 @@ _PLAIN: Mapping[str, str] = MappingProxyType(
 _LIMITS: Mapping[str, str] = MappingProxyType(
     {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 )
-
 
 _LIKE, _PART_OF_A_WORD = 0.7, 0.9
 """Likeness of words, 1 of equal ones: from which on one may be meant, and of one that is part of the other."""

@@ -277,10 +277,7 @@ class ParetoSection(Section):
     """Evaluations of a search dot by dot at each point, footprint and lines kept."""
     points: int = Field(default=4, ge=1, le=100)
     """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
-    density: Annotated[
-        tuple[DensityOrSearch, ...],
-        Field(max_length=16, strict=False),
-    ] = ()
+    density: Annotated[tuple[DensityOrSearch, ...], Field(max_length=16, strict=False)] = ()
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
     light of each curve. "search" finds ``points`` of them, gain against grain, for the most lines; limits of the eye
     in [design.rules] are drawn and not kept there."""
@@ -514,7 +511,6 @@ class ExposureSection(Section):
 
 
 _SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
-
 
 DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
 """Keys of [export] that say how polygons are drawn."""

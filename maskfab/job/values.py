@@ -111,7 +111,6 @@ class Stated:
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
-
 AnySection: TypeAlias = Section | Stated
 
 
@@ -257,10 +256,6 @@ def distance_text(value: float) -> str:
     return "inf" if math.isinf(value) else um_text(value)
 
 
-def _nm_text(value: float) -> str:
-    return f"{value:.15g} nm"
-
-
 def length_um(value: object, *, zero_allowed: bool = False) -> float:
     """Micrometres of a length with its unit, at most 1 km (MF104); MF103 for a missing or wrong unit."""
     return _in_range(units.parse_length_um(value, zero_allowed=zero_allowed), value)
@@ -309,10 +304,6 @@ def _area(value: object) -> float:
     # A number times a unit squared is a length in that unit, times the unit once more.
     once = units.parse_length_um(f"{match[1]} {match[2]}", zero_allowed=True)
     return float(f"{once * units.parse_length_um(f'1 {match[2]}'):.15g}")
-
-
-def _area_text(value: float) -> str:
-    return f"{value:.15g} um^2"
 
 
 def _three(value: object) -> tuple[float, float, float]:
@@ -378,13 +369,13 @@ LengthOrZero = Annotated[float, parsed(length_um, zero_allowed=True), PlainSeria
 LookedFrom = Annotated[float, parsed(_looked_from), PlainSerializer(lambda v: f"{v / 1e3:.15g} mm")]
 PlateLength = Annotated[float, parsed(_on_plate), PlainSerializer(um_text)]
 Pitch = Annotated[float, parsed(_pitch), PlainSerializer(um_text)]
-Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer(_nm_text)]
+Wavelength = Annotated[float, parsed(units.parse_wavelength_nm), PlainSerializer("{:.15g} nm".format)]
 DrawnText = Annotated[str, parsed(_drawn)]
 Frequency = Annotated[float, parsed(units.parse_frequency_cy_per_mm), PlainSerializer(lambda v: f"{v:.15g} cy/mm")]
 """On the sensor, in cycles per millimetre."""
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
 Name = Annotated[str, parsed(check_name)]
-Area = Annotated[float, parsed(_area), PlainSerializer(_area_text)]
+Area = Annotated[float, parsed(_area), PlainSerializer("{:.15g} um^2".format)]
 ThreeColours = Annotated[tuple[float, float, float], parsed(_three)]
 SignedLength = Annotated[float, parsed(signed_length_um), PlainSerializer(um_text)]
 Time = Annotated[float, parsed(units.parse_time_s), PlainSerializer(lambda v: f"{v:.15g} s")]
@@ -399,7 +390,6 @@ Counts = Annotated[
     Field(min_length=1, max_length=_MOST_COUNTS, strict=False),
     parsed(_listed_counts),
 ]
-
 
 COLDEST_K, HOTTEST_K = 1000.0, 100_000.0
 """Temperatures of black bodies, kelvins."""
@@ -537,9 +527,7 @@ def _illuminant(value: object) -> str | float:
 
 Spectrum = Annotated[str, parsed(_word_or_table, noun="spectrum", words=("lines", "rgb"), example="camera.csv")]
 Illuminant = Annotated[
-    str | float,
-    parsed(_illuminant),
-    PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
+    str | float, parsed(_illuminant), PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v)
 ]
 FieldReach = Annotated[float | str, parsed(_field), PlainSerializer(_field_text)]
 LensProjection = Annotated[
@@ -554,11 +542,8 @@ Depth = Annotated[tuple[float, float], parsed(_depth), PlainSerializer(lambda v:
 Accuracy = Annotated[float, parsed(_accuracy)]
 Aberrations = Annotated[tuple[tuple[int, float], ...], parsed(_aberrations)]
 LensDistortion = Annotated[
-    tuple[float, float],
-    parsed(_distortion),
-    PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])}),
+    tuple[float, float], parsed(_distortion), PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])})
 ]
-
 
 _MOST_CORNERS = 256
 _CURE = 'Write pairs of x and y: [["1 mm", "0 mm"], ["0 mm", "1 mm"], ["-1 mm", "-1 mm"]]'
@@ -633,7 +618,5 @@ def _between(p: Corner, q: Corner, r: Corner) -> bool:
 
 
 Corners = Annotated[
-    tuple[Corner, ...],
-    parsed(_corners),
-    PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v]),
+    tuple[Corner, ...], parsed(_corners), PlainSerializer(lambda v: [[um_text(x), um_text(y)] for x, y in v])
 ]

@@ -8,10 +8,12 @@ dots, both with row 0 lowest and as in :class:`~maskfab.base.model.Opening`.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -284,105 +286,10 @@ class Display:
         return self.layout(dots, **{**least, **changed})
 
 
+_LAYOUTS: Mapping[str, Layout] = {made.__name__: made for made in (band, diamond, lined_diamond, delta, circular)}
+_STATED = json.loads(Path(__file__).with_name("displays.json").read_text(encoding="utf-8"))
 DISPLAYS: Mapping[str, Display] = MappingProxyType(
-    {
-        "rgb-stripe": Display(
-            band,
-            42,
-            "84 um",
-            MappingProxyType(
-                {
-                    "clear_width": 38,
-                    "clear_height": 10,
-                    "emitter_width": 6,
-                    "emitter_height": 28,
-                    "colour_gap": 8,
-                    "to_opening": 2,
-                }
-            ),
-            "oled-info.com, quoting Japan Display",
-            "about 28 % of a panel of 300 ppi emits where metal masks are used",
-            "the opening, 4 um to it, 16 um between colours, equal areas",
-        ),
-        "pentile-diamond": Display(
-            diamond,
-            42,
-            "126 um",
-            MappingProxyType({"clear_reach": 4, "red_reach": 5, "green_reach": 3, "blue_reach": 6, "to_opening": 1}),
-            "right-brothers.net; displaymate.com/Diamond_56N.html",
-            "402 ppi, 2280 x 1080 on 6.28 in, twice as many greens; red and blue rhombic, green oval, blue largest and "
-            "green smallest",
-            "every area, green as a disc, the openings, 3 um to them",
-            multiple=2,
-            pixels_across=2,
-        ),
-        "pentile-lines": Display(
-            lined_diamond,
-            42,
-            "168 um",
-            MappingProxyType(
-                {
-                    "red_reach": 6,
-                    "green_reach": 4,
-                    "blue_reach": 7,
-                    "to_opening": 1,
-                    "line_width": 2,
-                    "first_data": 6,
-                    "second_data": 11,
-                    "power": 19,
-                    "scan": 2,
-                    "emission": 9,
-                }
-            ),
-            "arxiv.org/abs/2003.04857; EP2709155; US8410481; the publication of the under-panel camera",
-            "a PenTile panel of a phone, 23 % of it open; green between red and blue on a diamond lattice; scan and "
-            "emission lines across data and power lines; opaque lines 8 um wide; a cell of 168 um",
-            "two by two pixels of 302 ppi in the cell, every area, 4 um to emitters, all else clear, a data line for "
-            "either column of emitters; the places of the lines: of 175 drawn, one whose random tiling gains as much "
-            "area under the MTF as the published mask's",
-            multiple=2,
-            pixels_across=2,
-        ),
-        "delta": Display(
-            delta,
-            84,
-            "168 um",
-            MappingProxyType({"clear_width": 12, "clear_height": 13, "emitter_width": 12, "emitter_height": 13}),
-            "taoyuanparts.com/blogs/news/mobile-phone-oled-screen-pixel-arrangement; oled-info.com, quoting Japan "
-            "Display",
-            "Visionox and Tianma make deltas; about 28 % emits at 300 ppi",
-            "the pixel's pitch of 84 um, rows half a pixel apart, equal areas of 26.5 % together, the openings",
-            multiple=12,
-            pixels_across=2,
-        ),
-        "circular": Display(
-            circular,
-            39,
-            "78 um",
-            MappingProxyType({"diameter": 20, "colour_gap": 4, "to_opening": 2, "border": 2}),
-            "iclarified.com/50234",
-            "326 ppi, 312 x 390 pixels of a watch",
-            "the ring, the opening, 8 um between colours, 4 um to the opening",
-        ),
-        "window": Display(
-            band,
-            73,
-            "438 um",
-            MappingProxyType(
-                {
-                    "clear_width": 65,
-                    "clear_height": 58,
-                    "emitter_width": 21,
-                    "emitter_height": 11,
-                    "colour_gap": 3,
-                    "to_opening": 2,
-                }
-            ),
-            "dvice.com/archives/2011/01/19_inch_amoled_1.php; gadgetvenue.com/category/displays/page/17",
-            "960 x 540 on 19 in, which is 58 ppi; another maker's panels pass 70 to 75 % of light",
-            "the window as 70.7 % of a pixel, the emitters, 18 um between colours",
-        ),
-    }
+    {name: Display(**{**stated, "layout": _LAYOUTS[stated["layout"]]}) for name, stated in _STATED.items()}
 )
 """The displays that come with the program, by the word that draws them."""
 

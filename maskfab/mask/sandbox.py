@@ -32,7 +32,6 @@ from typing import Any, TypeVar
 
 from maskfab.base.effort import add_helper
 from maskfab.base.errors import (
-    CATALOGUE,
     InputError,
     InternalError,
     JobError,
@@ -40,6 +39,7 @@ from maskfab.base.errors import (
     OpeningError,
     OutputError,
     SourceError,
+    catalogue,
     is_lack_of_memory,
 )
 from maskfab.base.files import no_file
@@ -108,7 +108,7 @@ def read_message(message: bytes, kind: Any, path: Path, progress: Callable[[str,
         _require(letter in (_ERROR, _FAULT) and all(isinstance(value, str) for value in fields))
         if letter == _ERROR:
             name, code, what, where, cure, trace = fields
-            _require(code in CATALOGUE)
+            _require(code in catalogue())
             raised = _ERRORS[name](code, what, where=where, cure=cure)
         else:
             fault, trace = fields

@@ -234,10 +234,7 @@ def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ..
     zero = float(share[1, 1])
     five = zero + float(share[0, 1] + share[2, 1] + share[1, 0] + share[1, 2])
     rounding = 1e-12
-    named = (
-        ("order_zero", zero, "zero order"),
-        ("orders_lowest_five", five, "orders (0,0), (±1,0) and (0,±1)"),
-    )
+    named = (("order_zero", zero, "zero order"), ("orders_lowest_five", five, "orders (0,0), (±1,0) and (0,±1)"))
     quantities = []
     for name, value, what in named:
         for light, whole in (("incident", 1.0), ("transmitted", panel.open_ratio)):

@@ -14,13 +14,7 @@ from maskfab.base.model import Mtf, Psf, Quantity
 from maskfab.base.units import UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.optics.colour import JUST_NOTICEABLE
-from maskfab.optics.energy import (
-    colour_distance,
-    energy_normalised_strehl,
-    ensquared_energy,
-    halo_energy,
-    streak_index,
-)
+from maskfab.optics.energy import colour_distance, energy_normalised_strehl, ensquared_energy, halo_energy, streak_index
 from maskfab.optics.exact_psf import ExactPsf
 from maskfab.optics.lags import AxisLags, LagTable
 from maskfab.optics.mtf import (

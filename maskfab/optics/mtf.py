@@ -612,12 +612,7 @@ def _orders(camera: Camera, spectrum: Spectrum, nu: Floats) -> Floats:
 
 
 def _transfer(
-    table: LagTable,
-    camera: Camera,
-    spectrum: Spectrum,
-    nu_x: Floats,
-    nu_y: Floats,
-    sampled: Literal["point", "pixel"],
+    table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats, sampled: Literal["point", "pixel"]
 ) -> Floats:
     """Transfer function before sampling, zero beyond the cutoff along either axis."""
     highest = cutoff(camera, float(spectrum.wavelengths_nm.min()))

@@ -154,10 +154,7 @@ class PhasedPupil(Frozen):
         rows, columns = pupil.whole.shape
         chosen = np.array(orders)
         weighted = (2 * chosen + 1) * (2 * p + 1) * self.rim_moments[:, chosen, p]
-        place = (
-            np.repeat(pupil.rim_column, chosen.size),
-            (pupil.rim_row[:, None] + rows * chosen).ravel(),
-        )
+        place = (np.repeat(pupil.rim_column, chosen.size), (pupil.rim_row[:, None] + rows * chosen).ravel())
         shape = (columns, stacked_y.shape[0])
         parts = (weighted.real.ravel(), weighted.imag.ravel())
         return np.stack([scipy.sparse.coo_array((values, place), shape).tocsr() @ stacked_y for values in parts])

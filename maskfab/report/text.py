@@ -276,29 +276,20 @@ _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
 }
 
 
+_EVERY_ROW = ("name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed")
+
+
 def quantity_document(quantity: Quantity) -> dict[str, Any]:
     """One quantity as report.json writes it."""
-    row: dict[str, Any] = {
-        "name": quantity.name,
-        "symbol": quantity.symbol,
-        "value": quantity.value,
-        "unit": quantity.unit,
-        "uncertainty": quantity.uncertainty,
-        "method": quantity.method,
-        "limit": quantity.limit,
-        "passed": quantity.passed,
+    rare = {
+        "wavelength_nm": quantity.wavelength_nm,
+        "level_db": quantity.level_db,
+        "at_most": quantity.at_most or None,
+        "between": quantity.between and list(quantity.between),
+        "die": quantity.die,
     }
-    if quantity.wavelength_nm is not None:
-        row["wavelength_nm"] = quantity.wavelength_nm
-    if quantity.level_db is not None:
-        row["level_db"] = quantity.level_db
-    if quantity.at_most:
-        row["at_most"] = True
-    if quantity.between is not None:
-        row["between"] = list(quantity.between)
-    if quantity.die is not None:
-        row["die"] = quantity.die
-    return row
+    row = {key: getattr(quantity, key) for key in _EVERY_ROW}
+    return row | {key: value for key, value in rare.items() if value is not None}
 
 
 QUICK = "openings are compared by the mean over all random tilings, estimated without the cells that the stop cuts"

@@ -25,8 +25,8 @@ from maskfab.base.errors import JobError
 from maskfab.base.extras import require
 from maskfab.base.model import Opening, Panel, Tiling
 from maskfab.base.processes import Call, SerialExecutor, Task
-from maskfab.base.units import NM_PER_UM
-from maskfab.base.work import Clock, Progress, silent
+from maskfab.base.units import NM_PER_UM, UM_PER_MM
+from maskfab.base.work import NO_END, Clock, Progress, silent
 from maskfab.base.workers import EVERY_CORE
 from maskfab.camera.imaging import Design
 from maskfab.camera.protocol import evaluate
@@ -55,27 +55,22 @@ from maskfab.display.eye_and_life import DEFAULT_LIFE
 from maskfab.display.feasibility import PlateWithDisplays, displays
 from maskfab.findings import photographs
 from maskfab.findings.optics import plate_as_seen
-from maskfab.findings.photographs import (
-    Conditions,
-    Photographs,
-    Restored,
-    Surroundings,
-    middle_level,
-    photograph_die,
-)
+from maskfab.findings.photographs import Conditions, Photographs, Restored, Surroundings, middle_level, photograph_die
 from maskfab.job.camera import Stop
 from maskfab.job.die import DieSection
 from maskfab.job.faults import JobFaults
 from maskfab.job.reference import USES, in_words, unused
-from maskfab.job.sections import JobSpec, ReportSection, RulesSection, SearchSection
+from maskfab.job.sections import JobSpec, ReportSection, RulesSection, SceneSection, SearchSection
 from maskfab.job.toml import dumps
 from maskfab.mask.houses.profiles import load_shop, shop_names, shop_of
 from maskfab.mask.job import Job, resolve
 from maskfab.mask.opening_file import dot_of_pitch, opening_text
 from maskfab.mask.package.pack import compare_shops
 from maskfab.mask.panels import map_text
+from maskfab.optics.scene.plan import plan
+from maskfab.optics.scene.scene import Scene
 from maskfab.optics.tiling import orientations
-from maskfab.report.pages.advice import WORTH_DB, Advised, Reach, laid_db
+from maskfab.report.pages.advice import WORTH_DB, Advised, Caveat, Reach, laid_db
 from maskfab.runs.stages import PendingPhotographs
 
 _TASKS = 3
@@ -629,3 +624,36 @@ def _denser(spec: JobSpec, section: SearchSection, where: str, images: Path | No
         return Reach(name, why=refusal.what)
     assert found.designed is not None
     return Reach(name, found.opening.clear_dots, section.dots, found.shape, found.designed.psnr, mapped=True)
+
+
+_OFF_AXIS = frozenset({"oblique light", "shift through the gap", "diffraction over the gap"})
+"""Rows of a plan that gap and field alone bring about."""
+_OFF_AXIS_S = 5.0
+
+
+def off_axis(job: Job, name: str, gap_um: float, field: float | str | None, clock: Clock = NO_END) -> Caveat:
+    """Parts of a lens that are not modelled, and by how much they change the image of a point behind a die at most, as
+    ``check --optics`` estimates it.
+
+    Args:
+        name: of the die.
+        gap_um: from the display to the lens.
+        field: largest image height, um, or angle off the axis; None for the axis alone.
+        clock: nothing is estimated where it leaves no time.
+    """
+    asked = SceneSection().model_copy(update={"gap": gap_um, "field": field or 0.0})
+    reach = f"{field / UM_PER_MM:g} mm" if isinstance(field, float) else field
+    off = f"and a field of {reach} " if field else ""
+    what = f"a gap of {gap_um / UM_PER_MM:g} mm {off}{'are' if field else 'is'} not modelled"
+    words = f"judged along the axis, with the display at the lens: {what}"
+    if not clock.affords(_OFF_AXIS_S):
+        return Caveat(f"{words}; with them in [scene] of the job, check --optics tells what that changes")
+    panel = next(die.panel for die in plate_as_seen(job, job.plate()).dies if die.name == name)
+    try:
+        scene = Scene.of(asked, camera=job.camera, where="answers")
+        rows = plan(panel, job.camera, scene, asked.accuracy).ingredients
+    except JobError as refusal:
+        return Caveat(f"{words}, and by how much that tells is not known: {refusal.what}")
+    told = [f"{row.error:.2g} ({row.name})" for row in rows if row.name in _OFF_AXIS and row.error]
+    change = f"change{'' if field else 's'} the image of a point by at most {', '.join(told) or '0'} in relative L2"
+    return Caveat(f"{words}, which {change}")

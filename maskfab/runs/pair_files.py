@@ -64,7 +64,7 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
     shards = list(_shards(plan))
     missing = [shard for shard in shards if not _place(folder, shard).is_dir()]
     made = [len(numbers) for _, _, numbers in missing]
-    try:
+    with files.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / _DATASHEET, sheet)
         write_text(folder / _NOTES, notes_of(pairs.datasheet))
@@ -90,17 +90,13 @@ def write_pairs(pairs: Pairs, folder: Path, crew: Workers, progress: Progress) -
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerows([rows[0], *(row.values() for row in rows)])
         write_text(folder / _TABLE, text.getvalue())
-    except OSError as error:
-        raise files.not_writable(folder, error) from error
     return sum(made)
 
 
 def _check(folder: Path, datasheet: dict[str, Any]) -> None:
     """Refuse a folder that holds anything but the set of a data sheet, or a part of it; MF401, MF402."""
-    try:
+    with files.writing(folder):
         shown = [path for path in folder.iterdir() if path.name[0] != "."] if folder.exists() else []
-    except OSError as error:
-        raise files.not_writable(folder, error) from error
     try:
         before = json.loads((folder / _DATASHEET).read_text("utf-8")) if shown else datasheet
         other = next((key for key in datasheet if before[key] != datasheet[key]), None)

@@ -21,10 +21,7 @@ from maskfab.base.processes import release_memory
 from maskfab.base.work import Progress
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.feasibility import Feasibility
-from maskfab.findings.bands import (
-    ProcessSpread,
-    check_spread,
-)
+from maskfab.findings.bands import ProcessSpread, check_spread
 from maskfab.job.sections import ExportSection
 from maskfab.job.shop import Shop
 from maskfab.job.values import PICTURES, PLATE_BITMAPS, FileFormat
@@ -138,10 +135,7 @@ def auxiliary_files(
             "KLayout layer properties",
             lambda path: shutil.copyfile(resources.path("export_templates/layers.lyp"), path),
         ),
-        JOB_COPY: (
-            "resolved job",
-            lambda path: path.write_text(job_text(job), encoding="utf-8"),
-        ),
+        JOB_COPY: ("resolved job", lambda path: path.write_text(job_text(job), encoding="utf-8")),
     }
 
 

@@ -33,7 +33,7 @@ from pydantic import BaseModel
 
 from maskfab.base import __version__, provenance, resources
 from maskfab.base.errors import OutputError
-from maskfab.base.files import locked, not_writable, partial
+from maskfab.base.files import locked, partial, writing
 from maskfab.base.folders import TIMES
 from maskfab.base.plain_data import from_data, to_data
 from maskfab.base.provenance import sha256_of_file
@@ -487,10 +487,8 @@ Record: TypeAlias = Mapping[str, Any]
 
 def make_folder(folder: Path) -> None:
     """Make the folder of the cases, before the first is looked for. Raises OutputError MF401 if it cannot be made."""
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_writable(folder, error) from error
 
 
 def keep(folder: Path, record: Record) -> None:

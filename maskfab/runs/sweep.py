@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.base import __version__
 from maskfab.base.errors import OutputError
-from maskfab.base.files import not_writable, partial
+from maskfab.base.files import partial, writing
 from maskfab.base.work import Progress, silent
 from maskfab.runs.store import Record, kept, make_folder
 from maskfab.runs.sweep_numbers import Swept
@@ -29,12 +29,10 @@ CASES = "cases"
 
 def check_folder(out: Path) -> None:
     """Refuse a folder that holds something else than a sweep."""
-    try:
+    with writing(out):
         if out.exists() and any(out.iterdir()) and not (out / CASES).is_dir():
             what = f"the directory {out} is not empty and holds no sweep"
             raise OutputError("MF402", what, cure="Give --out a new or empty folder, or that of this sweep")
-    except OSError as error:
-        raise not_writable(out, error) from error
 
 
 def made(

@@ -280,12 +280,7 @@ def _aids_differ(folder: Path, findings: PlateFindings) -> Iterator[tuple[str, s
 
 
 def _pages_differ(
-    folder: Path,
-    manifest: Mapping[str, Any],
-    now: Document,
-    pictures: Mapping[str, Mapping[str, str]],
-    *,
-    held: bool,
+    folder: Path, manifest: Mapping[str, Any], now: Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
 ) -> Iterator[tuple[str, str]]:
     """Pages and table against those of the pictures and the report made again; earlier versions wrote fewer of them."""
     there = {file["path"] for file in manifest["files"]}
@@ -385,11 +380,6 @@ def _reported(folder: Path, now: Document) -> Iterator[Quantity]:
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
 
 
-def _of_photographs(place: Sequence[str]) -> bool:
-    """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
-    return any(finding.noisy for part in place for word in part.split(", ") for finding in origins(word))
-
-
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
     """A report without its former times, and without the name of the file that has them now."""
     return {key: value for key, value in document.items() if key not in ("time", "provenance")}
@@ -403,7 +393,7 @@ def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[
             yield from _differences(now.get(key, "missing"), then.get(key, "missing"), (*place, key))
     elif isinstance(now, dict) or isinstance(then, dict):
         yield place, "there" if isinstance(now, dict) else now, "there" if isinstance(then, dict) else then
-    elif not (_alike_photographs(place[-1], now, then) if _of_photographs(place) else _alike(now, then)):
+    elif not _alike(place, now, then):
         yield place, now, then
 
 
@@ -425,19 +415,17 @@ def _name_of(row: Mapping[str, Any]) -> str:
     return ", ".join([*named, *placed])
 
 
-def _alike(now: object, then: object) -> bool:
-    if isinstance(now, float) and isinstance(then, int | float):
-        # Errors at the rounding floor differ between machines without meaning anything.
-        return abs(now - then) <= max(_SAME * abs(then), 1e-8)
-    return now == then
-
-
-def _alike_photographs(what: str, now: object, then: object) -> bool:
-    """Whether two numbers of photographs are alike, of which a last bit of light may draw another photon."""
-    if isinstance(now, float) and isinstance(then, int | float):
+def _alike(place: Sequence[str], now: object, then: object) -> bool:
+    """Whether two values are alike; in photographs (their section, a row of a die, a part of its design) a last bit of
+    light may draw another photon."""
+    if not (isinstance(now, float) and isinstance(then, int | float)):
+        return now == then
+    # Errors at the rounding floor differ between machines without meaning anything.
+    most = max(_SAME * abs(then), 1e-8)
+    if any(finding.noisy for part in place for word in part.split(", ") for finding in origins(word)):
         # The filter's constant is one of a few, and may be the next one.
-        return abs(now - then) <= (now / 2 if what == "epsilon" else differences.DECIBELS)
-    return now == then
+        most = now / 2 if place[-1] == "epsilon" else differences.DECIBELS
+    return abs(now - then) <= most
 
 
 def _equal(name: str, value: Any, expected: Any, method: str) -> Quantity:

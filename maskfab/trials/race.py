@@ -344,19 +344,16 @@ def _ours(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     taken = admissible(FieldTask.of(pupil, quadrant, quadrant))
     for path in (path for path in PATHS if path in taken):
         for precision in path.precisions:
-            compute = partial(_nothing_to_set_up, partial(path.intensity, pupil, quadrant, quadrant, precision))
-            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, compute, path is taken[0])
-
-
-def _nothing_to_set_up(function: Callable[[], NDArray[Any]]) -> Callable[[], NDArray[Any]]:
-    return function
+            compute = partial(path.intensity, pupil, quadrant, quadrant, precision)
+            set_up = partial(partial, compute)
+            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, set_up, path is taken[0])
 
 
 def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     dot_um = workload.panel.dot_nm / NM_PER_UM
     size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
     if size >= max(pupil.whole.shape[0], workload.samples):  # samples so wide that the dots do not fit have no recipe
-        recipe = partial(_nothing_to_set_up, partial(published_intensity, pupil.whole, size, workload.samples))
+        recipe = partial(partial, partial(published_intensity, pupil.whole, size, workload.samples))
         yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, recipe)
     task = PsfTask(
         pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * UM_PER_NM, workload.step_um, workload.samples
@@ -465,20 +462,12 @@ def race_figure(races: Mapping[str, Race]) -> bytes:
         handles = [
             Line2D([], [], linestyle="", marker=mark, color=_COLOURS[k], label=n) for (k, n), mark in marks.items()
         ]
-        ring: dict[str, Any] = {"marker": "o", "markersize": 13, "markerfacecolor": "none", "color": _COLOURS["ours"]}
+        hollow: dict[str, Any] = {"linestyle": "", "marker": "o", "markerfacecolor": "none"}
         handles += [
-            Line2D([], [], linestyle="", label="chosen by maskfab", **ring),
+            Line2D([], [], label="chosen by maskfab", markersize=13, color=_COLOURS["ours"], **hollow),
             Line2D([], [], linestyle="--", color="grey", label="matrix products alone, double"),
             Line2D([], [], linestyle="", marker="o", markersize=_SMALL, color="grey", label="small: single precision"),
-            Line2D(
-                [],
-                [],
-                linestyle="",
-                marker="o",
-                markerfacecolor="none",
-                color="grey",
-                label="hollow: without dot's size",
-            ),
+            Line2D([], [], label="hollow: without dot's size", color="grey", **hollow),
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
         stream = io.BytesIO()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import maskfab as mf
-from maskfab.api.briefing import ask_brief
+from maskfab.api.advising import ask_brief
 from maskfab.api.results import Asked
 from maskfab.base.errors import JobError
 from maskfab.job.brief import Brief, job_text, modules, questions, snapped

@@ -12,7 +12,7 @@ from klayout import db
 from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, look, write_job
 
 import maskfab as mf
-from maskfab.base.errors import CATALOGUE
+from maskfab.base.errors import catalogue
 from maskfab.mask.job import load_job
 from maskfab.mask.opening_file import load_opening
 
@@ -28,7 +28,7 @@ def refused(answer: Answer, code: str, *said: str) -> dict[str, str]:
     assert error.keys() == {"code", "what", "where", "cure", "faults"}
     faults = {fault["code"]: fault for fault in reversed(error["faults"])}
     assert code in faults, error["faults"]
-    assert code in CATALOGUE
+    assert code in catalogue()
     fault, message = faults[code], answer.stderr.strip()
     assert error["code"] == (code if len(error["faults"]) == 1 else "MF153")
     (line,) = (line for line in message.split("\n") if f"{code} {fault['what']}" in line)

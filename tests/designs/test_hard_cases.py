@@ -19,7 +19,7 @@ from asked_displays import asked_display
 from estimates import surrogate
 from once import leaves
 
-from maskfab.base.errors import CATALOGUE, InputError, MaskfabError, OpeningError
+from maskfab.base.errors import InputError, MaskfabError, OpeningError, catalogue
 from maskfab.base.model import Opening, Panel, Tiling, refined
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import Photograph
@@ -54,7 +54,7 @@ def refused(code: str, work: Callable[[], object]) -> str:
     with pytest.raises(InputError) as caught:
         work()
     assert caught.value.code == code, caught.value
-    assert code in CATALOGUE
+    assert code in catalogue()
     assert caught.value.what
     assert caught.value.where
     assert caught.value.cure

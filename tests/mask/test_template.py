@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from maskfab.base import resources
-from maskfab.base.errors import CATALOGUE, JobError
+from maskfab.base.errors import JobError, catalogue
 from maskfab.mask.marks import load_template, overlap, plate_template, template_names
 
 TEXT = resources.path("export_templates/plates/5in.toml").read_text(encoding="utf-8")
@@ -14,7 +14,7 @@ TEXT = resources.path("export_templates/plates/5in.toml").read_text(encoding="ut
 def refused(call) -> JobError:
     with pytest.raises(JobError) as caught:
         call()
-    assert caught.value.code in CATALOGUE
+    assert caught.value.code in catalogue()
     return caught.value
 
 

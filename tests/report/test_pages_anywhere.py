@@ -11,7 +11,7 @@ from small_job import finished
 
 from maskfab.base.model import Quantity
 from maskfab.base.provenance import sha256_of_file
-from maskfab.report.pages.links import in_view, linked_places
+from maskfab.report.pages.template import in_view, linked_places
 from maskfab.report.text import quantity_document
 from maskfab.runs.verification import verify
 

@@ -32,8 +32,7 @@ from maskfab.mask.job import resolve
 from maskfab.report.pages import advice as page_of_advice
 from maskfab.report.pages.advice import NOTE_CHARACTERS, WORTH_DB, AdvicePart, advice_document, schema
 from maskfab.runs import advice
-from maskfab.runs.advice import job_files
-from maskfab.runs.off_axis import off_axis
+from maskfab.runs.advice import job_files, off_axis
 
 JOB = """
 [job]

@@ -45,14 +45,7 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import Photograph
 from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, LEVELS
-from maskfab.designs.descent.objective import (
-    Autocorrelation,
-    Objective,
-    Precision,
-    TiledStop,
-    Transfer,
-    tiled_stop,
-)
+from maskfab.designs.descent.objective import Autocorrelation, Objective, Precision, TiledStop, Transfer, tiled_stop
 from maskfab.designs.model.expected_psnr import Surrogate
 from maskfab.designs.model.panel_error import wiener_tensor
 from maskfab.designs.model.statistics import LEAST_CONTRAST

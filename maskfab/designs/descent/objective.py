@@ -316,13 +316,10 @@ def lags_within(reach: float, table: int) -> Ints:
 Transfer = Callable[[torch.Tensor], torch.Tensor]
 """Transfer at chosen frequencies as a function of the autocorrelation table."""
 
-
 Precision = Literal["float32", "float64"]
-
 
 FEWEST_DOTS = 2
 """Inside a stop: one dot has no lag but 0."""
-
 
 DTYPES: dict[str, torch.dtype] = {"float32": torch.float32, "float64": torch.float64}
 

@@ -446,15 +446,7 @@ def paper(section: RelaxSection, dot_nm: int, camera: Camera, scenes: Sequence[P
     stop = tiled_stop(section.dots, dot_nm, turned, camera, precision="float64")
     # Half a picture is dark margin on every side.
     data = top_residual(
-        stop,
-        scenes,
-        side=_SIDE,
-        margin=_SIDE // 2,
-        crops=_CROPS,
-        batch=1,
-        beyond="dark",
-        nsr=_RATIO,
-        seed=section.seed,
+        stop, scenes, side=_SIDE, margin=_SIDE // 2, crops=_CROPS, batch=1, beyond="dark", nsr=_RATIO, seed=section.seed
     )
     terms: list[tuple[float, Objective]] = [(_DATA, data)]
     if section.recipe == "paper-l2+inv":

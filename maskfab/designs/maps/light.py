@@ -41,15 +41,12 @@ from maskfab.mask.panels import CellMap
 _TRIED = 12
 """Pairs of units for which a map is designed before a display is said not to hold them."""
 
-
 _SPARSER = 3
 """Sparser units that are tried beside each denser one."""
-
 
 _COARSE, _BELOW, _ABOVE = 8, 2, 10
 """Numbers of dots that a search first looks at, and those below and above its best that it looks at last: more dots
 are worth more, and shapes whose light is centred are few."""
-
 
 _LOOKED, _SPARSEST, _QUICK = 20, 24, 3
 """Openings that the display fits, of one number of dots, whose light is judged; sparser ones, of which the one that

@@ -45,26 +45,19 @@ from maskfab.optics.tiling import MOST_OPENINGS
 LIGHT_TOLERANCE = 1e-3
 """Largest relative difference in clear dots that counts as equal light."""
 
-
 _MOST_CANDIDATES = 48
-
 
 _FIRST_SHARE, _LARGEST_SHARE = 0.1, 0.5
 
-
 _GROWTH, _SHRINKAGE = 1.6, 0.3
 
-
 _REFUSALS = 3
-
 
 _MOST_DOTS = 85
 """Along a cell; all pairs of them take 1.5 GB."""
 
-
 _MOST_CELLS = 1000
 """Along the panel, as of every map's file."""
-
 
 _KICKED_SHARE = 0.04
 
@@ -73,9 +66,7 @@ _KICKED_SHARE = 0.04
 FIRST_STEPS = 16
 """Fields of a descent that bring most of the gain."""
 
-
 _ENOUGH_DB = 2e-5
-
 
 _WORTH_ANOTHER_DB = 1e-3
 

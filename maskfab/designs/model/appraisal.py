@@ -60,29 +60,21 @@ if TYPE_CHECKING:
 
 _WHERE = "design"
 
-
 _FIELD = ((AXIS, 1 / 4), ((1.0, 0.0), 3 / 16), ((-1.0, 0.0), 3 / 16), ((0.0, 1.0), 3 / 16), ((0.0, -1.0), 3 / 16))
 
-
 _AT = math.sqrt(2 / 3)
-
 
 _SAMPLES = 4
 """For each dot, over whose finest waves a panel shows what comes through a gap."""
 
-
 _NOT_OF_SCENE = ("curve of the rim", "the layout itself", "oblique light")
 
-
 _MIDDLE = 1
-
 
 TILINGS = 8
 """Random tilings whose PSNRs are compared: their standard deviation is known within a quarter."""
 
-
 _OFF_CELLS = (1, 2)
-
 
 _BIAS_UM = 0.1
 

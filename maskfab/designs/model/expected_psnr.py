@@ -78,17 +78,13 @@ from maskfab.optics.stop import Waves
 
 _LONG_LAGS = 3000
 
-
 _LEAK_EVERY = 5
 """For other photographs than protocol F1's: their ε lie wider apart, and with them what leaks."""
-
 
 _AROUND = 3
 """Steps of ε below and above the best of all levels behind a square opening that are tried behind others."""
 
-
 _NORMAL_NODES = 15
-
 
 _NEAR = 168 / 165.625
 """Share of the lag of the highest low frequency up to which lags are held: just beyond it."""

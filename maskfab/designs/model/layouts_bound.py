@@ -73,11 +73,7 @@ class LayoutGap:
 
 
 def layout_gap(
-    estimate: Surrogate,
-    pupil: Floats,
-    *,
-    levels: Sequence[float] | None = None,
-    executor: SerialExecutor = ALONE,
+    estimate: Surrogate, pupil: Floats, *, levels: Sequence[float] | None = None, executor: SerialExecutor = ALONE
 ) -> LayoutGap | None:
     """A panel that is laid, beside what the light of its cells allows; None for so many dots that it takes minutes.
 

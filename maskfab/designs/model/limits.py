@@ -153,10 +153,7 @@ def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool 
         j, k = np.triu_indices(n + 1)
         waves = sparse.csr_array(images * (cosine[j][:, v] * cosine[k][:, u] + cosine[k][:, v] * cosine[j][:, u]) / 2)
         zero = sparse.csr_array((len(j), count))
-        upper += [
-            sparse.hstack([zero, -waves, sparse.csr_array(waves.shape)]),
-            sparse.hstack([zero, waves, -waves]),
-        ]
+        upper += [sparse.hstack([zero, -waves, sparse.csr_array(waves.shape)]), sparse.hstack([zero, waves, -waves])]
     start = sparse.csr_array(([1.0], ([0], [count + shorts])), shape=(1, count + 2 * shorts))
     blank = np.zeros(count)
     sums = np.stack([np.r_[blank, images, 0 * images], np.r_[blank, 0 * images, images]])
@@ -226,11 +223,7 @@ class Gap:
 
 
 def bounds(
-    estimate: Surrogate,
-    clear_dots: int,
-    *,
-    periodic: bool = False,
-    levels: Sequence[float] | None = None,
+    estimate: Surrogate, clear_dots: int, *, periodic: bool = False, levels: Sequence[float] | None = None
 ) -> Bounds:
     """Bounds for units of the surrogate's size, its scenes and its camera.
 

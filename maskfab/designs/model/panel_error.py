@@ -44,26 +44,20 @@ from maskfab.job.camera import REFERENCE_TRANSMISSION
 Transfers = tuple[Transfer, Transfer]
 """H on the upper half of the square of frequencies, and at the low ones."""
 
-
 Errors = tuple[torch.Tensor, torch.Tensor, torch.Tensor]
 """Mean squared errors after Wiener filters, by ε, white is 1: noise over its variance, signal held back, and leak."""
-
 
 _LOW = 1 / 16
 """Cycles per pixel below which, on both axes, the surrogate's low-passed scenes take over."""
 
-
 _RIM = 0.01
 """Outer share of the stop's diameter that protocol F1 leaves out: its lags pass next to nothing."""
-
 
 _MOST_FREQUENCIES = 400
 """Along an axis by which steps of a map are judged: maps that fewer lags lead to are no worse by 0.01 dB."""
 
-
 _COLUMNS, _ROWS = 64, 16
 """That are worked on at once, so that they stay in the processor's cache."""
-
 
 _FEWEST_FREQUENCIES = 129
 """Along an axis, where a camera has fewer dots of lag to one cycle per pixel."""

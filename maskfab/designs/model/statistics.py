@@ -132,18 +132,14 @@ class PixelNoise:
 ROWS, COLUMNS, FACTOR = 128, 192, 8
 """Of low-passed pictures, and how many pixels of a scene one of theirs is wide."""
 
-
 WIDTH = 32
 """Of the margin round the sensor in low-passed pictures."""
-
 
 LEAST_CONTRAST = 1e-4
 """A tenth of what the smallest step of eight bits is, evenly spread."""
 
-
 KEPT = ((4, 2), (16, 2), (16, 8))
 """Numbers of bundled scenes, and of pictures that leak as much as they do, whose statistics are kept."""
-
 
 _FILE = Path(__file__).with_name("bundled_scenes.npz")
 

@@ -31,7 +31,6 @@ from maskfab.mask.opening_masks import closed
 RULES: tuple[Rule, ...] = (*DOT_RULES, *DISPLAY_RULES, *EYE_RULES)
 """Every rule but the count, in the order in which they are judged: cheap ones first, the display last."""
 
-
 _FEW, _FEW_IF_SLOW = 1000, 20
 _COUNT = "clear_dots"
 _EMITTERS = EmitterRules(0, 8000, 16000)

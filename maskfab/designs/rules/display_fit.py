@@ -49,26 +49,20 @@ from maskfab.optics.tiling import orientations
 
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 
-
 _ROUNDING = 1e-9
-
 
 _NEARLY = 0.8
 """Share of the footprint required that straight emitters must have for crooked ones to be looked for."""
 
-
 SEEDS = 8
 """Dies that are tried of an opening and its map."""
-
 
 _EVERY_PAIR = 40
 """Cells along a random panel in which any two orientations meet, side by side and corner to corner."""
 
-
 _LAID_ALIKE, _LEAST_ALIKE = (64, 3), (6, 6)
 """Rows and columns of a panel that stands, for lines along x, for all whose cells are laid alike, since room too narrow
 by a line for every few of them is too narrow by many for all; and of one on which lines are drawn."""
-
 
 _BOUND_ALIKE = (16, 16)
 """Of one in which lines are only counted, for many openings at once."""
@@ -492,15 +486,7 @@ def _grainy(constraints: Constrained, unit: Mask) -> str | None:
 
 _FIT = partial(Rule, unit="", one_place=lambda _: True, slow=True, section=SearchSection, key="fit")
 
-
-CIRCUITS = _FIT(
-    "circuits",
-    check=_crowded,
-    proof=_by_closed_area,
-    checked=_on_dots,
-    asker="the circuits of [emitters]",
-)
-
+CIRCUITS = _FIT("circuits", check=_crowded, proof=_by_closed_area, checked=_on_dots, asker="the circuits of [emitters]")
 
 EMITTERS = _FIT(
     "emitters",
@@ -512,15 +498,12 @@ EMITTERS = _FIT(
     asker="the emitters of [emitters]",
 )
 
-
 WIRES = _FIT("wires", check=_unwired, quick=_unwired_quickly, proof=_by_lines, asker="the lines of [wires]")
-
 
 CENTROID = Rule("centroid_px", "pixels", _off_centre, one_place=lambda _: True, slow=True)
 GRAIN = Rule("slow_grain", "", _grainy, one_place=lambda _: True, slow=True)
 DISPLAY_RULES = CIRCUITS, EMITTERS, WIRES, CENTROID, GRAIN
 """In the order in which they are judged."""
-
 
 OF_THE_EYE = CENTROID.name, GRAIN.name, "grain", "delta_e"
 """Rules of the emitters' light, the dearest to judge; the last two are those of :mod:`maskfab.designs.rules.eye`."""

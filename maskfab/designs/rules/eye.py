@@ -21,7 +21,6 @@ from maskfab.display.evenness import Evenness
 from maskfab.display.feasibility import feasibility
 
 _MOVES = 8_000
-_NOWHERE = "no emitters were found that could be looked at"
 
 Judged = Callable[[Constrained, Mask], Evenness | None]
 
@@ -49,29 +48,21 @@ def _tried(constraints: Constrained, unit: Mask) -> Evenness | None:
     return None if placed is None else look(placed, asked.grid.pitch_nm, used, viewing)
 
 
-def _spotted(constraints: Constrained, unit: Mask, *, judged: Judged) -> str | None:
-    limit, seen = constraints["delta_e"], judged(constraints, unit)
+def _uneven(constraints: Constrained, unit: Mask, *, judged: Judged, rule: str, told: str) -> str | None:
+    limit, seen = constraints[rule], judged(constraints, unit)
     if seen is None:
-        return _NOWHERE
-    return None if seen.delta_e <= limit else f"an even field has ΔE {seen.delta_e:.2f}{_from(constraints)} {limit:g}"
+        return "no emitters were found that could be looked at"
+    value, display = getattr(seen, rule), constraints["emitters"]
+    away = f"from {display.rules.eye.looks.distance / UM_PER_MM:g} mm, at most {limit:g}"
+    return None if value <= limit else f"an even field has {told.format(value)} {away}"
 
 
-def _grainy(constraints: Constrained, unit: Mask, *, judged: Judged) -> str | None:
-    limit, seen = constraints["grain"], judged(constraints, unit)
-    if seen is None:
-        return _NOWHERE
-    return None if seen.grain <= limit else f"an even field has grain {seen.grain:.4f}{_from(constraints)} {limit:g}"
+def _rule(name: str, told: str) -> Rule:
+    check, quick = (partial(_uneven, judged=judged, rule=name, told=told) for judged in (_drawn, _tried))
+    return Rule(name, "", check, quick=quick, one_place=lambda _: True, slow=True)
 
 
-def _from(constraints: Constrained) -> str:
-    display: Display = constraints["emitters"]
-    return f" from {display.rules.eye.looks.distance / UM_PER_MM:g} mm, at most"
-
-
-_RULE = partial(Rule, unit="", one_place=lambda _: True, slow=True)
-
-GRAIN = _RULE("grain", check=partial(_grainy, judged=_drawn), quick=partial(_grainy, judged=_tried))
-DELTA_E = _RULE("delta_e", check=partial(_spotted, judged=_drawn), quick=partial(_spotted, judged=_tried))
+GRAIN, DELTA_E = _rule("grain", "grain {:.4f}"), _rule("delta_e", "ΔE {:.2f}")
 
 EYE_RULES = GRAIN, DELTA_E
 """In the order in which they are judged."""

@@ -204,7 +204,6 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[Candidate]]] = {
 }
 """By the names that a job gives them."""
 
-
 _NUMBERS = {
     "bar": "a bar, height x width, at its lower left dot",
     "disc": "the dots nearest to a centre, at that centre",

@@ -36,35 +36,26 @@ from maskfab.designs.search.mending import mended
 Objective = Callable[[Mask], float]
 """Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
 
-
 Bettered = tuple[tuple[int, float], ...]
 """Evaluations made when a best value was bettered, and that value, each time."""
 
-
 Move = Literal["swap", "border", "segment", "shift"]
-
 
 MOVES: tuple[Move, ...] = get_args(Move)
 """Exchange any clear dot with any closed one; the same at the edge of what is clear; a straight run of dots with one
 as long; push the whole opening by a dot."""
 
-
 _BATCH = 64
 _PARTS = 2
 """Of a batch for each process, so that none waits long for the last."""
 
-
 _STUCK = 5000
-
 
 _LONGEST_SEGMENT = 12
 
-
 _AROUND = ndimage.generate_binary_structure(2, 1)
 
-
 _EVALUATIONS = 400
-
 
 _TRIED = 200
 

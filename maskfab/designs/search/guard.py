@@ -20,7 +20,6 @@ from maskfab.display.panel_lines import AXES, panel_cut
 _MARGIN = 2
 """Regular cells on each side of a map that is looked at: lines bend at most a pixel aside."""
 
-
 _MENDED = 200
 """Chains that are taken out of a random map before all of its cells are laid alike."""
 

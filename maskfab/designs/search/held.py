@@ -32,26 +32,20 @@ from maskfab.display.pixel_lines import WireRules
 _TRIED = 240
 """Openings whose rules are judged, of those of one kind of panel, before it is said to have none."""
 
-
 _TRIED_OF_FEWER = 24
 """Openings whose rules are judged for every number of dots of a bisection, the roomiest first."""
-
 
 MOST_JUDGED = 3000
 """Shapes of one count above which places in the cell are thinned."""
 
-
 _JUDGED_OF_FEWER = 600
 """Of every number of dots of a bisection."""
-
 
 _KINDS, _NEAR = 8, 3
 """Kinds of shapes that are judged at every place so near to the best one that was judged."""
 
-
 _TRIED_CROOKED = 24
 """The most where crooked emitters are looked for, which takes some tenths of a second."""
-
 
 ALL_FAMILIES: tuple[str, ...] = tuple(FAMILIES)
 

@@ -20,22 +20,15 @@ from maskfab.designs.model.layouts_bound import layout_gap
 from maskfab.designs.model.panel_judgement import MeanPanelError, PanelError
 from maskfab.designs.rules.constraints import Constraints
 from maskfab.designs.rules.display_fit import DieFit
-from maskfab.designs.search.question import (
-    Prepared,
-)
-from maskfab.designs.search.result import (
-    Facts,
-    by_level,
-)
+from maskfab.designs.search.question import Prepared
+from maskfab.designs.search.result import Facts, by_level
 from maskfab.designs.search.shortlist import MOST_WORK, Listed
 from maskfab.job.sections import SearchSection
 from maskfab.mask.panels import CellMap
 
 _LONGEST_NAME = 24
 
-
 _KICKS = 3
-
 
 _MOST_GUARDED = 32
 """Cells along a side of a map up to which it is looked after at every step: of 60, a look takes half a second."""

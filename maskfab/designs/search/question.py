@@ -22,11 +22,7 @@ from maskfab.camera.scenes import Photograph
 from maskfab.camera.stop_cells import F1, CellGrid, PhotoCamera, lattice
 from maskfab.designs.maps.alternation import require_places
 from maskfab.designs.maps.orientation_map import require_size
-from maskfab.designs.model.appraisal import (
-    EXACT,
-    SceneConditions,
-    Spread,
-)
+from maskfab.designs.model.appraisal import EXACT, SceneConditions, Spread
 from maskfab.designs.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.designs.model.panel_judgement import MeanPanelError, PanelError
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics, scene_statistics
@@ -35,14 +31,7 @@ from maskfab.designs.rules.display_fit import OF_THE_EYE, Display
 from maskfab.designs.search.annealing import ExpectedPsnr
 from maskfab.designs.search.die_look import DieLook
 from maskfab.designs.search.held import EASE, Start, require_held, start_of
-from maskfab.designs.search.result import (
-    Facts,
-    Stages,
-    camera_facts,
-    constraints_of,
-    origin,
-    run_key,
-)
+from maskfab.designs.search.result import Facts, Stages, camera_facts, constraints_of, origin, run_key
 from maskfab.designs.search.scan import allowed, first_shape
 from maskfab.job.sections import SearchSection
 

@@ -54,21 +54,16 @@ if TYPE_CHECKING:
 
 Facts = dict[str, str | int | float]
 
-
 LEVELS_OF_F1 = "another camera at the levels of F1"
 """In the place of a protocol's name."""
 
-
 NO_BOUNDS = "The budget leaves no time to prove bounds: no headroom is told."
-
 
 ANNEALING = "steps of annealing"
 """The stage that changes openings dot by dot."""
 
-
 WITHIN_DB = 0.1
 """Decibels below the best down to which an opening is an alternative: less than one scene differs from another."""
-
 
 _PROBES = 3
 
@@ -81,10 +76,8 @@ _BATCH, _FIRST_MAP, _MAP, _PRICES, _FIT, _BOUNDS = 64, 400, 4500, 400, 1800, 450
 _MOST_MAP, _MOST_BOUNDS, _MOST_DIE = 0.25, 0.4, 0.4
 _MOST = 8
 
-
 _TRIED = 48
 """Openings whose rules are judged at most: a display's take 0.2 s each where all are kept."""
-
 
 _MORE_DB, _MORE_SHARE, _LESS_MOVED = 0.001, 0.001, 0.98
 """From so many decibels, and so much of the pixel, on an opening counts as better; as steadier below this share of what
@@ -325,12 +318,7 @@ class Stages:
         return cls(clock.before(after_s + map_s), clock.before(after_s), bounded, bounds_s)
 
 
-def constraints_of(
-    section: DesignSection,
-    *,
-    where: str = "design",
-    display: Display | None = None,
-) -> Constraints:
+def constraints_of(section: DesignSection, *, where: str = "design", display: Display | None = None) -> Constraints:
     """The section's rules.
 
     Raises:
@@ -366,16 +354,12 @@ def appraised(
 
     That is of the picture's interior. Last all bounds, unless there is no other opening of as many dots.
     """
-    if mask.all():
-        # It is the only opening of its count.
-        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels)
-        facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", none, estimate.levels)
-        return psnr, facts, none, None
-    limit = bounds(estimate, int(mask.sum()), periodic=periodic)
-    gap = optimality_gap(estimate, mask, limit)
-    psnr = estimate(mask, periodic=periodic)
-    facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", gap.head_room, estimate.levels)
-    return psnr, facts, gap.head_room, gap
+    # What is clear throughout is the only opening of its count.
+    limit = None if mask.all() else bounds(estimate, int(mask.sum()), periodic=periodic)
+    gap = None if limit is None else optimality_gap(estimate, mask, limit)
+    psnr, room = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels) if gap is None else gap.head_room
+    facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", room, estimate.levels)
+    return psnr, facts, room, gap
 
 
 def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:

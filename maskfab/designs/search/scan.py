@@ -37,7 +37,6 @@ from maskfab.designs.search.annealing import (
     ExpectedPsnr,
     Objective,
     Ranked,
-    Scan,
     State,
     anneal,
     nearest,
@@ -146,13 +145,12 @@ def scanned(
     every = _shapes(section)
     shapes = every if start is None else thinned(every)
     share = _SCAN_SHARE if section.anneal else 1.0
-    look = partial(_look, section, shapes, objective, progress, executor=executor)
+    look = partial(scan, turned_alike=section.tiling is not Tiling.PERIODIC, executor=executor, progress=progress)
     free = Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm)
-    looked_at = look(free, clock.part(share))
+    looked_at = look(shapes, objective, free, clock=clock.part(share))
     if len(shapes) < len(every):
         between = finer(every, looked_at.ranked)
-        more = _look(section, between, objective, progress, free, clock.part(share), executor=executor)
-        looked_at = looked_at.with_more(more)
+        looked_at = looked_at.with_more(look(between, objective, free, clock=clock.part(share)))
     evaluated, complete = looked_at.evaluated, looked_at.complete
     ruled, held = None, list[Ranked]()
     if start is None:
@@ -161,7 +159,7 @@ def scanned(
         held = best_held(looked_at.ranked, start, objective(start.first.unit), section.shortlist, clock)
         best = held[0]
     if best is None:
-        ruled = look(rules, clock.part(share, _AT_LEAST_S))
+        ruled = look(shapes, objective, rules, clock=clock.part(share, _AT_LEAST_S))
         best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
     looked = list(looked_at.ranked[:PRICED])
     looked += [opening for opening in held if all(opening.unit is not other.unit for other in looked)]
@@ -230,14 +228,15 @@ def allowed(
     Raises:
         JobError: MF123 if none keeps the rules.
     """
-    look = partial(_look, section, _shapes(section), objective, progress)
+    alike = section.tiling is not Tiling.PERIODIC
+    look = partial(scan, _shapes(section), objective, turned_alike=alike, clock=clock, progress=progress)
     any_allowed = False
-    for opening in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock).ranked:
+    for opening in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm)).ranked:
         if rules.allows(opening.unit):
             any_allowed = True
             yield opening.unit
     if not any_allowed and not once:
-        yield from (opening.unit for opening in look(rules, clock).ranked)
+        yield from (opening.unit for opening in look(rules).ranked)
 
 
 def annealed(
@@ -297,27 +296,6 @@ def annealed(
 
 def _shapes(section: SearchSection) -> list[Candidate]:
     return list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
-
-
-def _look(
-    section: SearchSection,
-    shapes: list[Candidate],
-    objective: Objective,
-    progress: Progress,
-    constraints: Constraints,
-    clock: Clock,
-    *,
-    executor: SerialExecutor = ALONE,
-) -> Scan:
-    return scan(
-        shapes,
-        objective,
-        constraints,
-        turned_alike=section.tiling is not Tiling.PERIODIC,
-        clock=clock,
-        executor=executor,
-        progress=progress,
-    )
 
 
 def _candidates(ranked: list[Ranked]) -> tuple[Candidate, ...]:

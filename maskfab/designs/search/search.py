@@ -35,13 +35,7 @@ from maskfab.designs.rules.display_fit import DieFit
 from maskfab.designs.search.annealing import ExpectedPsnr, Ranked
 from maskfab.designs.search.die_look import DieLook
 from maskfab.designs.search.panel_map import Mapped, mapped, named
-from maskfab.designs.search.question import (
-    Judges,
-    Prepared,
-    Question,
-    for_any_map,
-    prepare,
-)
+from maskfab.designs.search.question import Judges, Prepared, Question, for_any_map, prepare
 from maskfab.designs.search.result import (
     NO_BOUNDS,
     Account,

@@ -28,14 +28,11 @@ from maskfab.designs.search.scan import Best
 MOST_WORK = 60_000_000
 """Dots of all pupils together that a map of a display is judged by, once its first steps are made."""
 
-
 _QUICK_FIELDS = 16
 """Fields of a quick map of an opening that a display fits: they bring most of the gain."""
 
-
 _WORSE_DB = 0.25
 """Openings that much worse, turned at random, are tried under no quick map: maps differ by less."""
-
 
 _BESIDE, _ASKED, _BETTER_DB = 2, 60, 0.01
 """Kinds of openings whose lines depend on the map that are tried, of so many that are better by so much."""

@@ -98,18 +98,9 @@ def cleared(read: db.Layout, plate: Plate) -> db.Layout:
 
     Nothing is left in hierarchy on that layer, for a file from elsewhere may draw chrome in any cell.
     """
-    inverse = read.dup()
-    top, half = inverse.top_cell(), plate.writable_nm // 2
-    clear = db.Region(db.Box(-half, -half, half, half)) - _drawn(inverse, CHROME)
-    cut = inverse.find_layer(layer_info(CUT))
-    if cut is not None:
-        clear += _drawn(inverse, CUT)
-    for layer in (CLEAR, CHROME, CUT):
-        index = inverse.find_layer(layer_info(layer))
-        if index is not None:
-            inverse.delete_layer(index)
-    top.shapes(inverse.layer(layer_info(CLEAR))).insert(clear.merged(True, 1))
-    return inverse
+    half = plate.writable_nm // 2
+    clear = db.Region(db.Box(-half, -half, half, half)) - _drawn(read, CHROME) + _drawn(read, CUT)
+    return _with_clear(read, clear.merged(True, 1))
 
 
 def named_chrome(read: db.Layout) -> None:
@@ -119,9 +110,9 @@ def named_chrome(read: db.Layout) -> None:
         read.set_info(index, layer_info(CHROME))
 
 
-def _drawn(layout: db.Layout, layer: Layer) -> db.Region:
+def _drawn(layout: db.Layout, layer: Layer, *store: db.DeepShapeStore) -> db.Region:
     index = layout.find_layer(layer_info(layer))
-    return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index))
+    return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index), *store)
 
 
 _NM2_PER_UM2 = NM_PER_UM**2
@@ -405,12 +396,8 @@ def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
 def _drawn_regions(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
     """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
     deep = () if store is None else (store,)
-    index = layout.find_layer(layer_info(layer))
-    if index is None:
-        return db.Region()
-    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), *deep)
-    cut = layout.find_layer(layer_info(CUT)) if layer is CLEAR else None
-    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), *deep)
+    drawn, cut = _drawn(layout, layer, *deep), layer is CLEAR and layout.find_layer(layer_info(CUT)) is not None
+    return drawn - _drawn(layout, CUT, *deep) if cut else drawn
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
@@ -553,9 +540,9 @@ def biased_raster(die: Die, bias_nm: int) -> tuple[Floats, Floats, Mask]:
 
 
 def _with_clear(layout: db.Layout, clear: db.Region) -> db.Layout:
-    """A layout whose layer CLEAR holds these shapes instead, in its top cell."""
+    """A layout whose layer CLEAR holds these shapes instead of all that is clear, in its top cell."""
     changed = layout.dup()
-    for layer in (CLEAR, CUT):
+    for layer in (CLEAR, CHROME, CUT):
         index = changed.find_layer(layer_info(layer))
         if index is not None:
             changed.delete_layer(index)

@@ -191,9 +191,7 @@ def _slack(layout: db.Layout, info: db.LayerInfo, shapes: db.RecursiveShapeItera
     radius = max((path.path_width / 2 for path in every if path.round_path), default=0.0) * scale
     paths.merged_semantics = False
     return _Slack(
-        max(rounded_nm, _ROUNDED_NM),
-        paths if radius else db.Region(),
-        math.ceil(radius * _FROM_CIRCLE / 2 + 1),
+        max(rounded_nm, _ROUNDED_NM), paths if radius else db.Region(), math.ceil(radius * _FROM_CIRCLE / 2 + 1)
     )
 
 

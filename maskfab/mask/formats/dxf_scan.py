@@ -22,7 +22,6 @@ _PLAIN = re.compile(
     rb"\n *2\r?\n([^\r\n]*)\r?\n *10\r?\n([^\r\n]*)\r?\n *20\r?\n([^\r\n]*)\r?(?:\n *30\r?\n[^\n]*)?"
 )
 
-
 _SHAPING = frozenset({b"40", b"41", b"42", b"43"})
 """Widths and bulges of a line and of its vertices."""
 

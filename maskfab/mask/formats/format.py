@@ -29,7 +29,6 @@ Version: TypeAlias = Literal["R12", "R2010"]
 UNITS = {"um": (NM_PER_UM, "MICROMETRE", 13), "mm": (NM_PER_MM, "MILLIMETRE", 4)}
 """Nanometres, name and $INSUNITS of a drawing's unit."""
 
-
 _NARROWEST_CORNER_NM, _CORNER_SHARE, _WIDEST_CORNER_SHARE = 10.0, 0.1, 2 / 3
 """Of a gap or neck at a corner: what float32 millimetres keep apart, and shares of a dot, by default and at most."""
 

@@ -55,7 +55,6 @@ _RELATIONS = (
     "</Relationships>\n"
 )
 
-
 _Scene: TypeAlias = tuple[list[tuple[Floats, Ints]], Ints, Floats, float]
 """Vertices and triangles of meshes, which mesh is placed, its matrices [n, 4, 4], and nanometres of its unit."""
 _ROWS = 1 << 16

@@ -56,7 +56,6 @@ _READ = {suffix: form for form in FORMATS.values() for suffix in form.suffixes}
 LAYOUT_SUFFIXES = frozenset(_READ)
 """Suffixes of the files that :func:`read_layout` reads."""
 
-
 LARGEST_UNPACKED = 1_000_000_000
 """Bytes of a layout that comes packed: the largest that is read takes some hours of the processor."""
 

@@ -256,11 +256,7 @@ def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBl
     size = leak_change(openings, pupil, axis, density, phase)
     source = "assumed, as mask houses promise" if blank.optical_density is None else "stated"
     at = "at the worst phase of the film, which nothing states" if phase is None else f"{phase:g} waves behind, stated"
-    return Omission(
-        "chrome leak",
-        size,
-        f"optical density {density:g} ({source}), {at}",
-    )
+    return Omission("chrome leak", size, f"optical density {density:g} ({source}), {at}")
 
 
 def leak_change(

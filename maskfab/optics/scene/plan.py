@@ -37,14 +37,7 @@ from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_objec
 from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
 from maskfab.optics.scene.lens import ASSUMED_FILM_UM, RESAMPLED, SensorWindow
-from maskfab.optics.scene.omissions import (
-    GAP_SAFETY,
-    Estimate,
-    Estimates,
-    estimate,
-    grey,
-    wavelength_range_nm,
-)
+from maskfab.optics.scene.omissions import GAP_SAFETY, Estimate, Estimates, estimate, grey, wavelength_range_nm
 from maskfab.optics.scene.probe import phased_error, single_error
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.spectrum import BAND_SAFETY, band_lines

@@ -152,9 +152,7 @@ def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored |
         map=None
         if said.cells is None
         else _Map.document(
-            name=said.cells_name,
-            **{key: _text(cells, key) for key in ("mode", *texts)},
-            light=_number(cells, "light"),
+            name=said.cells_name, **{key: _text(cells, key) for key in ("mode", *texts)}, light=_number(cells, "light")
         ),
         levels=[
             _DesignLevel.document(

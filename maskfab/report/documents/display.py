@@ -170,11 +170,7 @@ def display_document(display: Feasibility) -> Document:
             boxes=display.circuits and _boxes(display.circuits),
         ),
         borders=borders
-        and _Borders.document(
-            borders,
-            worst_pair=borders.worst,
-            sufficient_margin_um=borders.margin_nm / NM_PER_UM,
-        ),
+        and _Borders.document(borders, worst_pair=borders.worst, sufficient_margin_um=borders.margin_nm / NM_PER_UM),
         wires=wiring
         and _Wires.document(
             wiring,

@@ -58,7 +58,6 @@ NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
 NO_SPREAD = ProcessSpread()
 
-
 _DISTANCE = "from the lens; null is infinity"
 
 

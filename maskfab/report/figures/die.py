@@ -520,7 +520,6 @@ def _sheet(width: float, height: float) -> tuple[Figure, Axes]:
 _WRITTEN_CHROME, _WRITTEN_CLEAR, _DRAWN = "#2f343c", "#ffffff", "#E69F00"
 _STYLE: dict[Reading, tuple[str, Any]] = {Reading.FUSED: ("#0072B2", "-"), Reading.OPEN: ("#D55E00", (0, (5, 1.5)))}
 _NAMES = {Reading.FUSED: "written, fused", Reading.OPEN: "written, open"}
-_FIGURES = ("corner", "psf", "mtf")
 _FINER = 16
 _SIDE = 2.1
 # Half the width of the picture, in corner radii: room for the arcs and what surrounds them.
@@ -529,28 +528,24 @@ _RADII = 3.5
 
 def written_pictures(written: Written) -> dict[str, str]:
     """The figures of one written die as ``<img>`` elements: ``written_corner``, ``written_psf``, ``written_mtf``."""
-    return {f"written_{which}": _page(written, which) for which in _FIGURES}
+    return {f"written_{which}": _page(written, which) for which in _WRITTEN_FIGURES}
 
 
 def bitmaps(written: Written) -> dict[str, bytes]:
     """The figures of the written mask as PNG files."""
-    return {f"written_{which}": _file(written, which) for which in _FIGURES}
+    return {f"written_{which}": _file(written, which) for which in _WRITTEN_FIGURES}
 
 
 @styled
 def _page(written: Written, which: str) -> str:
-    return image(*_figure(written, which))
+    return image(*_WRITTEN_FIGURES[which](written))
 
 
 @styled
 def _file(written: Written, which: str) -> bytes:
-    figure, _ = _figure(written, which)
+    figure, _ = _WRITTEN_FIGURES[which](written)
     figure.set_dpi(120)
     return bitmap(figure)
-
-
-def _figure(written: Written, which: str) -> tuple[Figure, str]:
-    return {"corner": _corner, "psf": _spread, "mtf": _transfer}[which](written)
 
 
 def _corner(written: Written) -> tuple[Figure, str]:
@@ -665,6 +660,9 @@ def _transfer(written: Written) -> tuple[Figure, str]:
         figure,
         f"MTF of die {written.die.name} at {drawn.wavelength_nm:g} nm as drawn and as written, and the change",
     )
+
+
+_WRITTEN_FIGURES = {"corner": _corner, "psf": _spread, "mtf": _transfer}
 
 
 def _shown(written: Written) -> tuple[Reading, ...]:

@@ -1,5 +1,7 @@
 """The figures of a display: emitters behind an opening, wires between pixels, and what stands in the way of either.
 
+Also the shares of its pixel that were looked at: gains of photographs, and what the display pays.
+
 Colours are those of Okabe and Ito, which colour-blind readers tell apart; every emitter also bears its letter.
 """
 
@@ -7,6 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -43,7 +47,10 @@ from maskfab.display.wiring import Reach, Wiring
 from maskfab.mask.outlines import outline, unit_shapes
 from maskfab.optics.colour import code_of_light
 from maskfab.report.figures import sheet
-from maskfab.report.figures.sheet import INK, QUIET, image, img, place, styled
+from maskfab.report.figures.sheet import INK, QUIET, image, img, open_field, place, styled
+
+if TYPE_CHECKING:
+    from maskfab.designs.search.share import ShareCurve, SharePoint
 
 _FILL: dict[Layer, str] = {
     BLACK: "#2f343c",
@@ -186,10 +193,7 @@ def wiring_picture(
 
 def _two() -> tuple[Figure, tuple[Axes, Axes]]:
     figure = Figure(figsize=(2 * _SIDE + 0.75, _SIDE + 0.5))
-    return figure, (
-        place(figure, (0.1, 0.2, _SIDE, _SIDE)),
-        place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)),
-    )
+    return figure, (place(figure, (0.1, 0.2, _SIDE, _SIDE)), place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)))
 
 
 def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
@@ -221,11 +225,7 @@ def _trail(paths: Iterable[Sequence[Point]], x0: int, y0: int) -> tuple[list[flo
 
 
 def _draw(
-    axes: Axes,
-    panel: Panel,
-    cells: NDArray[np.int8],
-    layers: tuple[Layer, ...],
-    faint: frozenset[Layer] = frozenset(),
+    axes: Axes, panel: Panel, cells: NDArray[np.int8], layers: tuple[Layer, ...], faint: frozenset[Layer] = frozenset()
 ) -> None:
     pitch = panel.pitch_nm
     rows, columns = cells.shape
@@ -302,3 +302,44 @@ def _outlines(polygons: Iterable[Polygon]) -> tuple[NDArray[np.float64], NDArray
         points += [*polygon, polygon[0]]
         codes += [Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY]
     return np.array(points).reshape(-1, 2) * UM_PER_NM, np.array(codes, dtype=np.uint8)
+
+
+_SHARES_SIZE = (5.4, 3.6)
+_LEVELS = (("#0072b2", "o"), ("#d55e00", "s"), ("#009e73", "D"), ("#cc79a7", "^"))
+"""Colours and marks of levels, told apart by those who see fewer colours, too."""
+
+
+@styled
+def shares(found: ShareCurve) -> str:
+    """Gain and life over the share of the pixel that is clear, as an ``<img>``; a ring is round the chosen point."""
+    figure = Figure(figsize=_SHARES_SIZE)
+    gains, lives = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1.4))
+    levels = groupby(found.fitting, key=lambda point: point.zone)
+    for (words, own), (colour, mark) in zip(levels, _LEVELS, strict=False):
+        points = list(own)
+        for axes, value in ((gains, found.gain_db), (lives, _life_of)):
+            at = [100 * point.share for point in points], [value(point) for point in points]
+            axes.plot(*at, color=colour, lw=1.2, label=words)
+            for point, x, y in zip(points, *at, strict=True):
+                size = 3 if found.photographed and point.error_db is None else 6
+                axes.plot(x, y, mark, ms=size, mec=colour, mfc=colour if point.holds else "none")
+    if found.best is not None:
+        for axes, height in ((gains, found.gain_db(found.best)), (lives, _life_of(found.best))):
+            axes.plot(100 * found.best.share, height, "o", ms=13, mfc="none", mec=INK, mew=1.4)
+    _named_axes(gains, "gain, dB")
+    _named_axes(lives, "life")
+    lives.set_xlabel("clear share of the pixel, %")
+    gains.legend(loc="upper left", frameon=False, fontsize=8)
+    figure.subplots_adjust(left=0.11, right=0.98, top=0.97, bottom=0.13, hspace=0.12)
+    return image(figure, "gain of restored photographs and life of emitters over the clear share of the pixel")
+
+
+def _named_axes(axes: Axes, name: str) -> None:
+    open_field(axes)
+    axes.set_ylabel(name)
+    axes.margins(0.06, 0.14)
+
+
+def _life_of(point: SharePoint) -> float:
+    """Life over that of the display around; 0 where none is told."""
+    return next((number.value for number in point.numbers if number.name == "life"), 0.0)

@@ -41,7 +41,6 @@ from maskfab.report.documents.display import display_document
 from maskfab.report.documents.shape import Document, Part, Record, document_text, titled_schema, written
 from maskfab.report.figures import display as display_figures
 from maskfab.report.figures import scene as scene_figures
-from maskfab.report.figures import share as share_figures
 from maskfab.report.pages.breaches import NOTHING
 from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import USEFUL_DB, short
@@ -654,7 +653,7 @@ def pictures(advised: Advised) -> dict[str, str]:
         for key, one in (("before", before), ("after", after))
     }
     panel = display_figures.placement(die.panel)
-    more = {"panel": panel, "curve": share_figures.curve(advised.curve)}
+    more = {"panel": panel, "curve": display_figures.shares(advised.curve)}
     return {**more, **scene_figures.truth(after), **shot, **_portraits(advised)}
 
 

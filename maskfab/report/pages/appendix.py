@@ -24,9 +24,8 @@ from maskfab.report.documents.numbers import methods, rows_of
 from maskfab.report.documents.shape import Record
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages.front import Best, best, shown_dies
-from maskfab.report.pages.links import where_linked
 from maskfab.report.pages.tables import band_of, decibels, die_table, model_table, photograph_table, ranked, stage_table
-from maskfab.report.pages.template import ROW_FILTERS, WORDS, page_environment, references, style
+from maskfab.report.pages.template import ROW_FILTERS, WORDS, page_environment, references, style, where_linked
 from maskfab.report.text import rounded, short
 
 _RARELY_READ = frozenset(

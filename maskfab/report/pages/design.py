@@ -135,7 +135,7 @@ def designed_document(
             "positions": max(1, len(designed.shifts)),
         },
         "robust": None if design.robust is None else _robust(design, design.robust),
-        "fit": None if design.fit is None else _fit(design.fit, regular=_regular(design)),
+        "fit": None if design.fit is None else _fit(design, design.fit),
         "scene": None if design.scene is None else _scene(design, design.scene),
         "outer": None if design.outer is None else str(paths["outer"]),
         "notes": list(notes),
@@ -143,15 +143,11 @@ def designed_document(
     }
 
 
-def _regular(design: Designed) -> bool:
-    """Whether nothing round the map is drawn from a seed."""
-    return design.cells is not None and design.cells.beyond is not None
-
-
-def _fit(fit: DieFit, *, regular: bool) -> dict[str, object]:
+def _fit(design: Designed, fit: DieFit) -> dict[str, object]:
     return {
         "pixels": [fit.across, fit.across],
-        "regular_beyond": regular,
+        # Whether nothing round the map is drawn from a seed.
+        "regular_beyond": design.cells is not None and design.cells.beyond is not None,
         "side_um": fit.side_um,
         "seed": fit.seed,
         "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from maskfab.base.errors import CATALOGUE
+from maskfab.base.errors import catalogue
 from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
@@ -374,4 +374,4 @@ def _missing(taken: Record, name: str, photographed: int) -> str:
 
 def _refusal(why: str) -> str:
     code, _, what = why.partition(" ")
-    return f"{what}. {explained(code).cure}" if code in CATALOGUE else f"{why}."
+    return f"{what}. {explained(code).cure}" if code in catalogue() else f"{why}."

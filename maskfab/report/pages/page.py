@@ -28,9 +28,8 @@ from maskfab.report.figures.display import seen_pixels
 from maskfab.report.pages.appendix import by_name
 from maskfab.report.pages.breaches import LimitLine, broken, judged_verdicts, limit_lines
 from maskfab.report.pages.front import Best, assumptions, best, crops, decision, shown_dies, stamps
-from maskfab.report.pages.links import linked_places
 from maskfab.report.pages.tables import DieLine, die_table
-from maskfab.report.pages.template import ROW_FILTERS, page_environment, references, style
+from maskfab.report.pages.template import ROW_FILTERS, linked_places, page_environment, references, style
 from maskfab.report.verdicts import FITS, LIVES, LOOKS
 
 _KEY = (

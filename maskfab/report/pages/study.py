@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 _WIDE, _HIGH, _LEFT, _FOOT, _TOP, _GAP, _LEGEND = 3.0, 2.1, 0.55, 0.62, 0.3, 0.62, 2.0
 _ROWS = (("psnr", "PSNR (dB)"), ("ssim", "SSIM"))
 _MODULATION_DECADES = 3
+_MINUS = methodcaller("replace", "-", "−")
 
 
 @styled
@@ -225,13 +227,9 @@ MEASURES: Mapping[str, str] = {
 def study_page(study: Study) -> str:
     """The page, with nothing from outside it; equal studies give equal pages."""
     plan = study.plan
-    drawn: dict[str, Any] = {"scores": None, "mtf": None}
-    if study.scores:
-        drawn["scores"] = Markup(scores_figure(study).img())
-    if study.optics:
-        drawn["mtf"] = Markup(optics_figure(study).img())
-    tiles = {name: _safe(images) for name, images in optics_tiles(study).items()} if study.optics else {}
-    return page_template("study.html.j2", short=short, minus=_minus, measure=MEASURES.__getitem__).render(
+    drawn = {name: Markup(drawing.img()) for name, drawing in _drawings(study).items()}
+    tiles = optics_tiles(study) if study.optics else {}
+    return page_template("study.html.j2", short=short, minus=_MINUS, measure=MEASURES.__getitem__).render(
         style=style(),
         study=plan.study,
         job=plan.job,
@@ -240,9 +238,9 @@ def study_page(study: Study) -> str:
         claims=study.claims,
         finding=finding_text,
         limits=limits_text,
-        drawn=drawn,
+        drawn={"scores": None, "mtf": None, **drawn},
         dies=[_die(name, study) for name in plan.panels],
-        tiles=tiles,
+        tiles={name: {key: Markup(image) for key, image in images.items()} for name, images in tiles.items()},
         photographs=[(take, Markup(image)) for take, image in photograph_tiles(study)],
         brightening=brightening(study),
         captioned=lambda take: _captioned(study, take),
@@ -253,6 +251,11 @@ def study_page(study: Study) -> str:
         confidence=f"{CONFIDENCE:.0%}",
         lines=sorted(plan.job.camera.wavelengths_nm, reverse=True),
     )
+
+
+def _drawings(study: Study) -> dict[str, Drawing]:
+    drawn = {"scores": scores_figure(study)} if study.scores else {}
+    return drawn | ({"mtf": optics_figure(study)} if study.optics else {})
 
 
 def blocks(study: Study) -> list[tuple[Setting, Table[Line]]]:
@@ -352,14 +355,6 @@ def _captioned(study: Study, take: Take | None) -> str:
     return f"{', '.join(said)}: PSNR {study.scores[take][0].psnr:.1f} dB"
 
 
-def _minus(words: str) -> str:
-    return words.replace("-", "−")
-
-
-def _safe(images: Mapping[str, str]) -> dict[str, Markup]:
-    return {name: Markup(image) for name, image in images.items()}
-
-
 SCHEMA_VERSION = 1
 DOCUMENT, PAGE = "study.json", "study.html"
 
@@ -408,14 +403,9 @@ def study_document(study: Study) -> dict[str, Any]:
 
 def write_study(place: Place, study: Study) -> list[Path]:
     """Write page, numbers and figures into a directory that appears whole, and return the paths."""
-    drawn: dict[str, Drawing] = {}
-    if study.scores:
-        drawn["scores"] = scores_figure(study)
-    if study.optics:
-        drawn["mtf"] = optics_figure(study)
 
     def write_drawings(folder: Path) -> None:
-        for name, drawing in drawn.items():
+        for name, drawing in _drawings(study).items():
             drawing.save(folder / f"{name}.svg")
 
     texts = {PAGE: study_page(study), DOCUMENT: document_text(study_document(study))}

@@ -296,17 +296,18 @@ def _columns(document: Record) -> dict[tuple[str, ...], Callable[[Record], Cell 
         ("Emitters, %", "(margin)"): _footprint,
         ("Wires", "x, y"): _wires,
         ("Edge", "colour, ΔE"): _number("edge_colour_difference", decimals=1),
-        ("AUC", at): _bare(_number("auc_radial_min", middle)),
+        # A number that is told for its history has no band.
+        ("AUC", at): _number("auc_radial_min", middle, banded=False),
     }
 
 
 def _number(
-    name: str, wavelength_nm: float | None = None, scale: float = 1.0, decimals: int = 3
+    name: str, wavelength_nm: float | None = None, scale: float = 1.0, decimals: int = 3, *, banded: bool = True
 ) -> Callable[[Record], Cell | None]:
     def find(die: Record) -> Cell | None:
         for row in die["quantities"]:
             if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
-                return _cell(row, scale, decimals, edges(band_of(die, row), scale, decimals))
+                return _cell(row, scale, decimals, edges(band_of(die, row) if banded else None, scale, decimals))
         return None
 
     return find
@@ -318,16 +319,6 @@ def _cell(row: Record, scale: float, decimals: int, made: str) -> Cell | None:
         return None
     error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
     return Cell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False, made)
-
-
-def _bare(find: Callable[[Record], Cell | None]) -> Callable[[Record], Cell | None]:
-    """Without bands, for numbers that are told for their history."""
-
-    def bare(die: Record) -> Cell | None:
-        cell = find(die)
-        return None if cell is None else replace(cell, made="")
-
-    return bare
 
 
 def _footprint(die: Record) -> Cell | None:

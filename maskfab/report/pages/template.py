@@ -1,20 +1,23 @@
-"""Parts that pages share: reading of templates, their look, rows as cells, and the glossary of the trade's words.
+"""Parts that pages share: reading of templates, their look, rows as cells, links, and a glossary of the trade's words.
 
 Quantities have their own glossary in :mod:`maskfab.base.quantities`.
 """
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+from urllib.parse import urlencode
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
-from maskfab.base.folders import Place, staged, write_mark
+from maskfab.base.folders import VIEW, Place, staged, write_mark
 from maskfab.base.quantities import registered
 from maskfab.base.resources import template
 from maskfab.report.documents.numbers import Methods
@@ -136,34 +139,43 @@ def style() -> Markup:
     return Markup(template("page.css"))
 
 
-WORDS: Mapping[str, str] = MappingProxyType(
-    {
-        "opening": "The clear shape in one display pixel.",
-        "open ratio": "Clear fraction of the pixel; not the fill factor, which is the emitting fraction of a subpixel.",
-        "dot": "One square element of an opening.",
-        "pitch": "Side of one display pixel; DPI = 25 400 µm / pitch.",
-        "tiling": "The orientation of each pixel, out of eight rotated and mirrored ones: one for all (periodic), "
-        "or drawn from a seed (random; paper4 draws from four).",
-        "gutter": "Opaque border around every pixel, reserved for wiring.",
-        "die": "One panel on the plate.",
-        "PSF": "Point spread function: the image of a distant point of light.",
-        "MTF": "Modulation transfer function: contrast of the image of a sine pattern. Presampled: includes the blur "
-        "of the sensor pixel, but not its aliasing.",
-        "radial minimum": "The lowest MTF over all directions at one frequency.",
-        "aliased": "Sampled at one pixel: frequencies above the Nyquist limit fold onto lower ones, in a way that "
-        "depends on the sub-pixel offset of the picture.",
-        "scene": "What the camera looks at: distances, field, the gap between panel and lens, aberrations, light.",
-        "plan": "The cheapest model of a scene whose error, omitted effects included, is within the accuracy.",
-        "accuracy": "The admissible relative L2 error of the scene's PSF over its window.",
-        "design": "How an opening was found, as stated in its file; not checked.",
-        "headroom": "Proven limit of the gain that any other opening with the same number of clear dots can have.",
-        "protocol F1": "Photographs of fixed scenes with photon noise, restored by a Wiener filter with the best "
-        "constant for the design; compared with the truth over the whole frame and over the inner "
-        "one, without 64 pixels at every edge.",
-        "surrogate": "A model that predicts the PSNR of restored photographs in two milliseconds.",
-        "relative L2": "Root of the sum of squared differences over that of the squared values.",
-        "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
-        "XOR": "The area in which two layouts differ.",
-        "CD": "Critical dimension: a width measured at a named gauge.",
-    }
+WORDS: Mapping[str, str] = json.loads(template("words.json"))
+
+
+_RULES: Mapping[str, str] = MappingProxyType(
+    {"corner_touches": "corner_touch", "min_feature": "width", "min_space": "space"}
 )
+"""Rules of the markers by the quantities that tell whether they are kept."""
+_AT = re.compile(r"at \((-?\d+\.\d+), (-?\d+\.\d+)\) um in (?:die (\w+)|the marks)")
+"""Place of a broken rule of a mask house, as a method begins."""
+_MOST_PLACES = 12
+
+
+def in_view(row: Record) -> str:
+    """Address, in the page that shows the plate, of what a row is about: a broken rule, a point, a die, or all.
+
+    ``rule`` and ``die`` are names, ``x`` and ``y`` micrometres on the plate.
+    """
+    asked = {"die": row["die"]} if "die" in row else {}
+    at = _AT.match(row["method"])
+    if row["name"] in _RULES:
+        asked = {"rule": _RULES[row["name"]], **asked}
+    elif at is not None:
+        x, y, die = at.groups()
+        asked = {"rule": row["name"], **({"die": die} if die else asked), "x": x, "y": y}
+    return f"{VIEW}#{urlencode(asked)}" if asked else VIEW
+
+
+def linked_places(rows: Iterable[Record]) -> Markup:
+    """Places of failed rows as links into the view, each named by its die; the first twelve, and how many more."""
+    names: dict[str, str] = {}
+    for row in rows:
+        names.setdefault(in_view(row), row.get("die", "the plate"))
+    links = [Markup('<a href="{}">{}</a>').format(address, name) for address, name in names.items()]
+    more = [Markup("{} more").format(len(links) - _MOST_PLACES)] if len(links) > _MOST_PLACES else []
+    return Markup(", ").join(links[:_MOST_PLACES] + more)
+
+
+def where_linked(row: Record) -> Markup:
+    """Die, wavelength and level of light of a row, as a link into the view."""
+    return Markup('<a href="{}">{}</a>').format(in_view(row), where(row) or "plate")

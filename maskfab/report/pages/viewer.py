@@ -243,7 +243,6 @@ _MARKERS = ".lyrdb"
 _CELLS_FIRST = (".gds", ".oas")
 """Files in which cells are placed by references, whatever the job; others may be flat."""
 
-
 MOST_BYTES = 50_000_000
 """Of a mask file of which a run writes a page by itself; asked for, one is made of any."""
 
