@@ -56,7 +56,7 @@ _HOW = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhotoMeasurement(FolderResult):
-    """What photographs tell of a die and its camera.
+    """A die and its camera as photographs tell them.
 
     Attributes:
         found: None where too little of any panel is seen.

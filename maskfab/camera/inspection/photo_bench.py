@@ -1,4 +1,4 @@
-"""What ordinary photographs through a known die tell of it and its camera: width, focus, turn and scale, together.
+"""A known die and its camera as ordinary photographs tell them: width, focus, turn and scale, together.
 
 A record's power spectrum is S = |H|² P + N, see :mod:`maskfab.camera.panel_spectrum`: P of a scene, smooth, N of noise.
 |H|² has the structure of the die, which moves with all that is not known of it. Of squares k of photographs, each with
@@ -229,7 +229,7 @@ class _Model:
         return sum(sample.gain(self.factor(sample, values)) for sample in every)
 
     def gain(self, values: Mapping[str, float]) -> float:
-        """The same, less what is known of widths."""
+        """That gain, less what speaks against a width beforehand."""
         return self.likelihood(values) - (values[BIAS] / WIDTH_KNOWN_UM) ** 2 / 2
 
     def expected(self, values: Mapping[str, float]) -> tuple[float, float]:
