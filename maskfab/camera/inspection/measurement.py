@@ -198,12 +198,14 @@ def _explained(
     # The die was told by one colour; light and background of the others are solved for where that one lies.
     first = identity.fit if len(colours_of(taken)) == 1 else judged(taken, image.pictures(setting), setting)
     told = explained(image, taken, first, progress, electrons_per_count=merged.electrons_per_count)
-    if told.factor > _UNLIKE and not identity.certain:
+    unlike = told.factor > _UNLIKE and not told.mended
+    there = _other_die({identity.best.die: panel}, others, camera, light, taken, progress) if unlike else None
+    if there is not None or (unlike and not identity.certain):
         what = (
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
             f"{told.factor:.1f} standard deviations"
         )
-        raise SourceError("MF339", what, cure=_CHECK)
+        raise SourceError("MF339", what, cure=_cure(there))
     return identity, told
 
 
@@ -303,8 +305,11 @@ def _none(setting: Setting, die: str, panel: Panel, stop: float, there: str | No
         f"wider than drawn, its dots being {panel.dot_nm * UM_PER_NM:g} um, a picture {setting.scale:+.0%} larger, and "
         f"a stop {stop:.0%} as wide"
     )
-    cure = _CHECK if there is None else f"This is die {there}: name it (--die {there})"
-    return SourceError("MF339", what, cure=cure)
+    return SourceError("MF339", what, cure=_cure(there))
+
+
+def _cure(there: str | None) -> str:
+    return _CHECK if there is None else f"This is die {there}: name it (--die {there})"
 
 
 def light_of(
