@@ -69,10 +69,10 @@ class Traced(Result):
             self.opening.dot_nm / NM_PER_UM,
         )
         lines = [
-            f"open ratio {seen.open_ratio:.2%} +- {seen.open_ratio_bar:.2%}{cells}",
-            f"scale {scale:.5g} +- {seen.px_per_um_bar:.1g} pixels/um in the middle, if the pitch is as stated",
+            f"open ratio {seen.open_ratio:.2%} ± {seen.open_ratio_bar:.2%}{cells}",
+            f"scale {scale:.5g} ± {seen.px_per_um_bar:.1g} pixels/um in the middle, if the pitch is as stated",
             f"turned by {seen.turn_deg:+.2f} deg, skewed by {seen.skew_deg:+.2f} deg",
-            f"edges +- {edge}, blur {seen.blur_px / scale:.2g} um rms",
+            f"edges ± {edge}, blur {seen.blur_px / scale:.2g} um rms",
             f"mean of {seen.cells:.1f} periods",
             f"the cell is {self.opening.pitch_um:.7g} um{held}, {self.opening.dots} dots of {dot_um:g} um",
         ]
@@ -138,7 +138,7 @@ def traced(
     written = (JOB, f"{name}.toml", PICTURE)
     found = Traced(folder / JOB, tuple(folder / each for each in written), opening, seen, light)
     text = resources.template("micrograph.toml").format(
-        told=f"open ratio {seen.open_ratio:.2%} +- {seen.open_ratio_bar:.2%}", name=name, plate=name.upper(),
+        told=f"open ratio {seen.open_ratio:.2%} ± {seen.open_ratio_bar:.2%}", name=name, plate=name.upper(),
         die=name.upper(), dot_um=dot_nm / NM_PER_UM, pitch_um=opening.pitch_um,
     )  # fmt: skip
     with staged(place) as made_in:

@@ -143,6 +143,6 @@ def test_a_photograph_becomes_an_opening_and_a_job(photograph, tmp_path):
     assert opening.pitch_um == 40
     assert opening.open_ratio == pytest.approx(made.seen.open_ratio, abs=1e-3)
     assert opening.provenance["open_ratio_bar"] > 0
-    assert "+-" in str(made)
+    assert "±" in str(made)
     assert set(made.to_dict()) >= {"px_per_um", "px_per_um_bar", "turn_deg", "edge_bar_um", "cells", "cells_differ"}
     assert [die.name for die in load_job(made.job).plate().dies] == ["PHONE"]
