@@ -26,7 +26,7 @@ from maskfab.base.arrays import Singles
 from maskfab.camera.blur import StandingBlur
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.explained import FOREIGN, Explained
-from maskfab.camera.imaging import Blur
+from maskfab.camera.imaging import Blur, MadeBlur
 from maskfab.camera.photo import Photo, restored_light
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.wiener import Wiener
@@ -101,7 +101,7 @@ def psnr(found: Singles, light: Singles) -> float:
 def judged(record: Record, light: Singles, said: str, f_number: float) -> tuple[Explained, float, float]:
     """The verdict, decibels above the record, and seconds of the processor."""
     blur = designed(said, f_number)
-    rivals = {name: partial(designed, name, f_number) for name in JOB.panels() if name != said}
+    rivals = {name: MadeBlur(partial(designed, name, f_number)) for name in JOB.panels() if name != said}
     start = time.process_time()
     photo = Photo("p", "", record, (1.0, 1.0, 1.0), np.eye(3), (), noise_stated=True)
     _, won, found, _ = restored_light(photo, blur, (Wiener(),), chosen=False, epsilon=None, bin=False, rivals=rivals)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,7 +24,7 @@ from maskfab.base.units import parse_length_um
 from maskfab.base.work import Progress, one_thread, silent
 from maskfab.camera.blur import MeasuredBlur, StandingBlur, WholeBlur, read_psfs, stand_words
 from maskfab.camera.chart import ChartMatrix, chart_matrix, read_patches
-from maskfab.camera.imaging import Blur
+from maskfab.camera.imaging import Blur, MadeBlur
 from maskfab.camera.photo import (
     RestoredPhoto,
     Stated,
@@ -200,9 +200,8 @@ class Restoration(FolderResult):
         pictures += [(f"{photo.name}_on_{photo.onto}", photo.picture, of[photo.name]) for photo in self.brought]
         with staged(place) as folder:
             for name, picture, photo in pictures:
-                light = picture[:, ::-1].astype(np.float64)
-                write_png(light, folder / f"{name}.png", exif=photo.exif)
-                write_exr(light, folder / f"{name}.exr", photo.facts)
+                write_png(picture[:, ::-1], folder / f"{name}.png", exif=photo.exif)
+                write_exr(picture[:, ::-1], folder / f"{name}.exr", photo.facts)
             document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
             (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
             (folder / PAGE).write_text(self._page(), encoding="utf-8")
@@ -242,8 +241,8 @@ class Restoration(FolderResult):
 
 
 _PIXEL_TOLERANCE = 1e-3
-Undone = tuple[Blur, tuple[str, ...], Mapping[str, Callable[[], Blur]]]
-"""A blur, sentences on it, and makers of those of the job's other dies."""
+Undone = tuple[Blur, tuple[str, ...], Mapping[str, Blur]]
+"""A blur, sentences on it, and those of the job's other dies."""
 
 
 def blurs_of(
@@ -321,16 +320,14 @@ def _of_dies(
     of_sensor = () if sensor is None or not sensor.known_gain else USES["restore by its sensor"]
     rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene, *of_sensor))
 
-    @cache
     def made(name: str) -> tuple[Blur, tuple[str, ...]]:
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
         said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
         return StandingBlur(design, way), (said, *left_out, *rest)
 
-    def rivals(own: str) -> dict[str, Callable[[], Blur]]:
-        return {name: partial(lambda other: made(other)[0], name) for name in panels if name != own}
-
-    return tuple((*made(name), rivals(name)) for name in (asked if len(asked) == photos else asked * photos))
+    every = {name: MadeBlur(partial(lambda other: made(other)[0], name)) for name in panels}
+    mine = {name: (*made(name), {other: every[other] for other in panels if other != name}) for name in set(asked)}
+    return tuple(mine[name] for name in (asked if len(asked) == photos else asked * photos))
 
 
 def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:

@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Generic, TypeVar, cast
+from typing import Generic, TypeVar
 
 import numpy as np
 import scipy
@@ -270,7 +270,12 @@ class DieTransfer(Isoplanatic):
 
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
         y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
-        return cast(Transfer, np.stack([self.view.transfer(lines, self.samples, y, x) for lines in self.lines]))
+        first = self.view.transfer(self.lines[0], self.samples, y, x)
+        every = np.empty((COLOURS, *first.shape), dtype=first.dtype)
+        # A large picture's are not held twice.
+        for colour, lines in zip(every, self.lines, strict=True):
+            colour[:] = first if lines is self.lines[0] else self.view.transfer(lines, self.samples, y, x)
+        return every
 
     def at(self, image_um: Place) -> DieTransfer:
         """The transfer at another place of the image, micrometres from the axis to the right and down the picture."""

@@ -12,7 +12,8 @@ told: x̂ itself is undone once more as if it were a record, and must then show 
 
 A record shows the panel's structure too, see :mod:`maskfab.camera.panel_spectrum`, where it is held against what a
 record of this panel, and what one of another, would show: :mod:`maskfab.camera.panel_power`. Its scales and angles are
-fitted. Where a record could tell nothing, the blur is undone as far as q allows.
+fitted. Where a record could tell nothing, the blur is undone as far as q allows; where none but this blur would show
+what is seen, q only tells how strongly.
 
 Notes:
     A blur that is wrong and does no harm that light below 0 would tell is undone: another die with as much halo.
@@ -22,8 +23,8 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -31,7 +32,7 @@ import numpy as np
 import scipy
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.imaging import Blur, Margin, Transfer
+from maskfab.camera.imaging import Blur, KeptBlur, Margin, Transfer
 from maskfab.camera.noise_spectrum import NoiseSpectrum, WhitenedBlur, whitened
 from maskfab.camera.panel_power import DECOYS, SCALE, Comparison, Fitted, Power
 from maskfab.camera.panel_spectrum import LARGEST, Seen, Shape, warped
@@ -48,11 +49,14 @@ _LEAST = 10.0
 _LEAST_SHARE = 0.25
 """Share of a structure from which it is seen."""
 _DOUBTFUL, _WRONG, _STILL_WRONG, _DOUBT = 0.005, 0.015, 0.04, 16.0
-"""Shares of a change, as light below 0, from which ε is so many times as large, from which a blur is wrong where no
-structure is seen, and from which it is wrong where one is."""
+"""Shares of a change, as light below 0, from which ε is so many times as large (as many times as the share is larger
+where only this blur's structure would show so), from which a blur is wrong where no structure is seen, and from which
+it is wrong where one is."""
 _FAR_GAIN, _FAR_CLEAR, _MILD = 100.0, 10.0, 0.2
 """Log-likelihood and standard deviations over chance, from which the scale of a camera that was guessed is taken; and
 the least ε then, for little of the structure is known."""
+_AT_ONCE = 300_000
+"""Frequencies of a fitted blur that are found at a time."""
 _ROOM = 128
 """Pixels by which a square is mirrored beyond its edges."""
 
@@ -161,7 +165,7 @@ class Explained:
 
 
 @dataclass(frozen=True, eq=False)
-class FittedBlur:
+class FittedBlur(KeptBlur):
     """A blur at another scale and angle.
 
     Attributes:
@@ -170,37 +174,30 @@ class FittedBlur:
 
     transfer: Transfer
     setting: Fitted
-    _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
-    def on(self, shape: tuple[int, int]) -> Transfer:
-        if shape not in self._kept:
-            rows, columns = shape
-            odd = np.iscomplexobj(self.transfer)
-            empty: Any = np.empty((3, rows, columns // 2 + 1), dtype=np.complex64 if odd else np.float32)
-            found: Transfer = empty
-            fy, fx = np.asarray(scipy.fft.fftfreq(rows)), np.asarray(scipy.fft.rfftfreq(columns))[None]
-            strip = max(1, 2_000_000 // fx.size)
-            for first in range(0, rows, strip):
-                part = slice(first, first + strip)
-                y, x = np.broadcast_arrays(fy[part, None], fx)
-                found[:, part] = warped(self.transfer, y, x, self.setting.scale, self.setting.turn)
-            found.flags.writeable = False
-            self._kept.clear()
-            self._kept[shape] = found
-        return self._kept[shape]
+    def _transfer(self, shape: tuple[int, int]) -> Transfer:
+        rows, columns = shape
+        found: Any = np.empty((3, rows, columns // 2 + 1), dtype=self.transfer.dtype)
+        fy, fx = np.asarray(scipy.fft.fftfreq(rows)), np.asarray(scipy.fft.rfftfreq(columns))[None]
+        strip = max(1, _AT_ONCE // fx.size)
+        for first in range(0, rows, strip):
+            part = slice(first, first + strip)
+            y, x = np.broadcast_arrays(fy[part, None], fx)
+            found[:, part] = warped(self.transfer, y, x, self.setting.scale, self.setting.turn)
+        return found  # type: ignore[no-any-return]
 
 
 def explain(
     record: Record,
     blur: Blur,
     noise: Sequence[NoiseSpectrum],
-    rivals: Mapping[str, Callable[[], Blur]] = MappingProxyType({}),
+    rivals: Mapping[str, Blur] = MappingProxyType({}),
 ) -> Explained:
     """Hold a blur against a record, and fit what is usually unknown.
 
     Args:
         record: of at least 128 pixels along a side.
-        rivals: makers of other blurs by name, of which one may explain it better; tried where this one does not.
+        rivals: other blurs by name, of which one may explain it better; tried where this one does not.
     """
     square = _middle(record, LARGEST)
     seen = Seen.of(square.values, noise)
@@ -233,10 +230,14 @@ def explain(
                 clear, share, missing = True, mine.share(far), False
     seen_clearly = clear and share >= _LEAST_SHARE
     verdict = EXPLAINED if seen_clearly else UNSURE
-    if missing or wrong[0] > (_STILL_WRONG if seen_clearly else _WRONG):
-        verdict = FOREIGN
+    if seen_clearly and power.known and setting.gain >= power.limit:
+        # No other would show it: what falls below 0 is for light from beyond the edges, or a lens that is not known.
+        strength *= max(1.0, wrong[0] / _DOUBTFUL)
+        wrong = _wrong(even, WhitenedBlur(undone, seen.noise), strength) if wrong[0] > _STILL_WRONG else wrong
     elif setting.gain < power.limit or wrong[0] > _DOUBTFUL:
         strength *= _DOUBT
+    if missing or wrong[0] > (_STILL_WRONG if seen_clearly else _WRONG):
+        verdict = FOREIGN
     rival = _rival(record, blur, noise, rivals, mend=verdict == FOREIGN)
     if rival is not None and verdict == UNSURE:
         verdict = FOREIGN
@@ -273,7 +274,7 @@ def _rival(
     record: Record,
     blur: Blur,
     noise: Sequence[NoiseSpectrum],
-    rivals: Mapping[str, Callable[[], Blur]],
+    rivals: Mapping[str, Blur],
     *,
     mend: bool,
 ) -> tuple[str, float] | None:
@@ -286,7 +287,7 @@ def _rival(
     if seen is None or not seen.enough:
         return None
     made = {"": Comparison(seen, Shape.of(blur, seen.plane))}
-    made |= {name: Comparison(seen, Shape.of(other(), seen.plane)) for name, other in rivals.items()}
+    made |= {name: Comparison(seen, Shape.of(other, seen.plane)) for name, other in rivals.items()}
     found = {name: one.best() if mend else one.drawn() for name, one in made.items()}
     best = max(found, key=lambda name: found[name].gain)
     gain, own, one = found[best].gain, found[""].gain, made[best]

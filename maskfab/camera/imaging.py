@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -31,6 +32,8 @@ class Blur(Protocol):
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
 
+_AT_A_TIME = 128
+"""Rows or columns that are transformed of a large picture."""
 LARGE = 8_000_000
 """Pixels of a picture from which on nothing is kept that can be computed again."""
 
@@ -112,6 +115,28 @@ class Margin:
         tall = np.pad(lines, [(0, 0), (self.width, self.width), (0, 0)], mode="reflect")
         return np.asarray(scipy.fft.fft(tall, axis=1, overwrite_x=True, workers=1))
 
+    def filtered(self, plane: Singles, factor: Callable[[slice], Transfer]) -> Singles:
+        """One colour [rows, columns] of :meth:`blurred` of :meth:`mirrored`, with little beyond it held at a time.
+
+        Args:
+            factor: [rows, columns] of some columns of ``rfft2``.
+        """
+        (rows, columns), half = self._cut, self.shape[1] // 2 + 1
+        lines, around = np.empty((len(plane), half), dtype=np.complex64), (self.width, self.width)
+        for first in range(0, len(plane), _AT_A_TIME):
+            part = slice(first, first + _AT_A_TIME)
+            lines[part] = scipy.fft.rfft(np.pad(plane[part], [(0, 0), around], mode="reflect"), axis=1, workers=1)
+        for first in range(0, half, _AT_A_TIME):
+            part = slice(first, first + _AT_A_TIME)
+            tall = np.pad(lines[:, part], [around, (0, 0)], mode="reflect")
+            waves = scipy.fft.fft(tall, axis=0, overwrite_x=True, workers=1) * factor(part)
+            lines[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[rows]
+        seen = np.empty_like(plane)
+        for first in range(0, len(plane), _AT_A_TIME):
+            part = slice(first, first + _AT_A_TIME)
+            seen[part] = scipy.fft.irfft(lines[part], n=self.shape[1], axis=1, workers=1)[:, columns]
+        return seen
+
 
 class Design(Blur, Protocol):
     """A panel that lets light through to the sensor; ``on`` is what a restorer takes its blur for."""
@@ -146,13 +171,25 @@ class KeptBlur(ABC):
         """H at the frequencies of ``rfft2`` of pictures of that shape, [3, rows, columns / 2 + 1], 1 at frequency 0.
 
         float32 without a phase: the point spread is the same turned by 180 degrees; complex64 with one. Read-only, and
-        kept for every shape.
+        kept for every shape but large ones.
         """
-        if shape not in self._kept:
-            transfer = self._transfer(shape)
-            transfer.flags.writeable = False
+        if shape in self._kept:
+            return self._kept[shape]
+        transfer = self._transfer(shape)
+        transfer.flags.writeable = False
+        if not Margin(shape).large:
             self._kept[shape] = transfer
-        return self._kept[shape]
+        return transfer
+
+
+@dataclass(frozen=True, eq=False)
+class MadeBlur(KeptBlur):
+    """A blur that is made where it is asked for, and of which nothing is kept but transfers."""
+
+    make: Callable[[], Blur]
+
+    def _transfer(self, shape: tuple[int, int]) -> Transfer:
+        return self.make().on(shape).copy()
 
 
 @dataclass(frozen=True, eq=False)

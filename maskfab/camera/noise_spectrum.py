@@ -37,6 +37,8 @@ _LEVEL, _OFF = 2.0, 1.5
 """Ratio of powers from which noise is not white, and of levels from which it is not as stated."""
 _MOST = 4.0
 _WIDTH = 64
+ENOUGH = 2_000_000
+"""Pixels of a colour that tell its noise."""
 
 
 def tapered_power(blocks: Singles) -> Floats:
@@ -80,12 +82,13 @@ def noise_of(record: Record, *, stated: bool = False) -> tuple[tuple[NoiseSpectr
         record: of at least 128 pixels along a side.
         stated: whether its noise was stated: then calm blocks may hold light, as long as their finest detail does not.
     """
-    variance = record.noise.variance(np.maximum(record.values, 0))
-    means = variance.mean(axis=(1, 2), dtype=np.float64).tolist()
+    means = _mean_variance(record)
     white = tuple(NoiseSpectrum(mean) for mean in means)
     if record.interpolated:
         return white, ()
-    found = [_calm(*colour) for colour in zip(record.values, variance, record.clipped, strict=True)]
+    some = replace(record, values=np.stack([some_rows(plane, _BLOCK) for plane in record.values]))
+    variance = some.noise.variance(np.maximum(some.values, 0))
+    found = [_calm(*colour) for colour in zip(some.values, variance, some.clipped, strict=True)]
     ratio = float(np.exp(np.mean([math.log(one.ratio) for one in found])))
     finest = float(np.exp(np.mean([math.log(one.on(np.linspace(0.45, _FARTHEST, 8)).mean()) for one in found])))
     if stated and 1 / _OFF < finest < _OFF:
@@ -122,6 +125,12 @@ def _calm(plane: Singles, variance: Singles, clipped: NDArray[np.bool_]) -> Nois
     return NoiseSpectrum(math.exp(level), (bend[0], bend[1]))
 
 
+def some_rows(plane: Singles, side: int) -> Singles:
+    """Whole strips of so many rows, evenly apart, of a plane [rows, columns]; all of one that is not large."""
+    strips = plane[: len(plane) // side * side].reshape(-1, side, plane.shape[1])
+    return np.asarray(strips[:: max(1, plane.size // ENOUGH)].reshape(-1, plane.shape[1]))
+
+
 def squares(plane: NDArray[Any], side: int) -> Floats:
     """The whole squares of so many pixels that a plane [rows, columns] holds, [n, side, side]."""
     rows, columns = (length // side * side for length in plane.shape)
@@ -131,9 +140,16 @@ def squares(plane: NDArray[Any], side: int) -> Floats:
 
 def _whitening(noise: Sequence[NoiseSpectrum], shape: tuple[int, int]) -> Singles:
     """W at the frequencies of ``rfft2``, [3, rows, half]."""
-    f = np.hypot(scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1]))
-    factors = [np.clip(np.sqrt(one.level / one.on(f)), 1 / _MOST, _MOST) for one in noise]
-    return np.stack(factors).astype(np.float32)
+    y, x = (
+        np.square(2 * each).astype(np.float32) for each in (scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1]))
+    )
+    square = np.minimum(y[:, None] + x, np.float32((2 * _FARTHEST) ** 2))
+    factors = np.empty((len(noise), *square.shape), dtype=np.float32)
+    for one, factor in zip(noise, factors, strict=True):
+        first, second = np.float32(one.bend[0]), np.float32(one.bend[1])
+        np.exp((square * second + first) * square * np.float32(-0.5), out=factor)
+        np.clip(factor, 1 / _MOST, _MOST, out=factor)
+    return factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +160,27 @@ class WhitenedBlur:
     noise: tuple[NoiseSpectrum, ...]
 
     def on(self, shape: tuple[int, int]) -> Transfer:
-        return np.asarray(self.blur.on(shape) * _whitening(self.noise, shape))
+        transfer = self.blur.on(shape)
+        if all(one.white for one in self.noise):
+            return transfer
+        return np.asarray(transfer * _whitening(self.noise, shape))
 
 
 def whitened(record: Record, noise: Sequence[NoiseSpectrum]) -> Record:
     """The record with noise that every frequency holds as much of, of the level that was told."""
-    before = record.noise.variance(np.maximum(record.values, 0)).mean(axis=(1, 2), dtype=np.float64)
+    before = _mean_variance(record)
     factor = float(np.exp(np.mean(np.log([one.level / mean for one, mean in zip(noise, before, strict=True)]))))
     values = record.values
     if not all(one.white for one in noise):
-        margin = Margin.around(values, _WIDTH)
-        even = margin.blurred(margin.mirrored(values), _whitening(noise, margin.shape))
-        values = np.where(record.clipped, values, np.minimum(even, np.nextafter(np.float32(record.ceiling), -np.inf)))
+        margin, values = Margin.around(values, _WIDTH), np.empty_like(values)
+        below = np.nextafter(np.float32(record.ceiling), np.float32(-np.inf))
+        for colour, one in enumerate(noise):
+            seen = record.values[colour : colour + 1]
+            even = margin.blurred(margin.mirrored(seen), _whitening([one], margin.shape))
+            values[colour] = np.where(seen >= np.float32(record.ceiling), seen, np.minimum(even, below))[0]
     return replace(record, values=np.ascontiguousarray(values, dtype=np.float32), noise=record.noise.times(factor))
+
+
+def _mean_variance(record: Record) -> list[float]:
+    """Of every colour; colour by colour, as a large record's takes as much memory as itself."""
+    return [float(record.noise.variance(plane).mean(dtype=np.float64)) for plane in record.values]

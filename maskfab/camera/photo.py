@@ -19,9 +19,8 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -39,7 +38,7 @@ from maskfab.camera.explained import EXPLAINED, FOREIGN, Explained, explain
 from maskfab.camera.frames.frame import PICTURES, Frame, Source, letters, read_frame
 from maskfab.camera.frames.stack import require_gain
 from maskfab.camera.imaging import LARGE, Blur
-from maskfab.camera.noise_spectrum import WhitenedBlur, noise_of, squares, whitened
+from maskfab.camera.noise_spectrum import ENOUGH, WhitenedBlur, noise_of, squares, whitened
 from maskfab.camera.record import BinnedBlur, Noise, Record, Restorer, binned, interpolated, of_cells
 from maskfab.camera.restorers.choice import Chosen, restored
 from maskfab.camera.restorers.wiener import Wiener
@@ -50,7 +49,7 @@ from maskfab.job.camera import Sensor
 from maskfab.mask.formats.exr import Fact
 from maskfab.optics.colour import light_of_code
 
-_BLOCK = 8
+_BLOCK, _STRIP = 8, 130
 _CLASSES = 24
 _SMOOTH = 0.3
 """Share of a class's blocks that are looked at: those whose means over 3 x 3 pixels differ least."""
@@ -69,7 +68,7 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
             are not noisy enough.
         ceiling: light at which pixels are full; blocks that hold one do not count.
     """
-    parts = [_blocks(plane, ceiling) for plane in planes]
+    parts = [_blocks(strip, ceiling, edge) for plane in planes for strip, edge in _strips(plane)]
     light, rough, fine = (np.concatenate([part[k] for part in parts]) for k in range(3))
     order = np.argsort(light)
     means, variances = [], []
@@ -86,11 +85,20 @@ def estimated_noise(planes: Sequence[Singles], ceiling: float = np.inf) -> Noise
     return Noise(1 / slope, floor**0.5 / slope)
 
 
-def _blocks(plane: Singles, ceiling: float) -> tuple[Floats, Floats, Floats]:
+def _strips(plane: Singles) -> list[tuple[Singles, int]]:
+    """Strips of rows, evenly apart, as many as tell its noise, and rows of edge; all of a small plane."""
+    if plane.size < 2 * ENOUGH:
+        return [(plane, 0)]
+    apart = _STRIP * (plane.size // ENOUGH)
+    return [(plane[first : first + _STRIP], 1) for first in range(0, len(plane) - _STRIP // 2, apart)]
+
+
+def _blocks(plane: Singles, ceiling: float, edge: int) -> tuple[Floats, Floats, Floats]:
     """Blocks without full pixels: mean light, its unevenness, and the median modulus of second differences [n]."""
     second = np.array([1.0, -2.0, 1.0], dtype=np.float32)
     fine = ndimage.correlate1d(ndimage.correlate1d(plane, second, axis=0), second, axis=1) / 6
-    means, held, rough = (squares(values, _BLOCK) for values in (ndimage.uniform_filter(plane, 3), plane, abs(fine)))
+    every = (ndimage.uniform_filter(plane, 3), plane, abs(fine))
+    means, held, rough = (squares(values[edge : len(values) - edge], _BLOCK) for values in every)
     each, clear = (1, 2), held.max(axis=(1, 2)) < ceiling
     return means.mean(axis=each)[clear], means.std(axis=each)[clear], np.median(rough, axis=each)[clear]
 
@@ -203,7 +211,7 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
         lattice.of(units)[...] = above / np.float32(max(white - black, 1e-30))
     ceiling = 1.0 if np.isfinite(frame.white) else np.inf
     _check_light(units, ceiling, str(path))
-    planes = [lattice.of(units).astype(np.float32) for lattice in lattices]
+    planes = [lattice.of(units) for lattice in lattices]
     noise, how = _noise(stated, frame, planes, ceiling, white - float(np.mean(frame.black)))
     factors = frame.balance or _ALIKE
     red_factor, green_factor, blue_factor = (factor / min(factors) for factor in factors)
@@ -326,6 +334,8 @@ def _no_colours(path: Path, cure: str) -> SourceError:
 
 _TO_BE_CODED = "a picture that was developed is to say so by its profile"
 MOST_STOPS = 16.0
+_ROWS = 64
+"""Developed at a time."""
 
 
 def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
@@ -334,8 +344,24 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
     Args:
         light: [3, rows, columns] in units of each colour's own white.
     """
-    colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
-    return np.asarray(np.clip(colours * np.float32(2.0**stops), 0, 1))
+    matrix = (photo.matrix * 2.0**stops).astype(np.float32)
+    colours = np.moveaxis(np.empty((*light.shape[1:], 3), dtype=np.float32), -1, 0)
+    for first in range(0, light.shape[1], _ROWS):
+        rows = slice(first, first + _ROWS)
+        np.clip(np.tensordot(matrix, balanced(photo, light[:, rows]), axes=1), 0, 1, out=colours[:, rows])
+    return colours
+
+
+PAGE_PX = 720
+"""Pixels along a picture's longer side on a page, at most."""
+
+
+def shrunk(picture: Singles) -> Singles:
+    """Means [3, rows, columns] over as many pixels as a page has no room for."""
+    step = math.ceil(max(picture.shape[1:]) / PAGE_PX)
+    rows, columns = (side // step for side in picture.shape[1:])
+    parts = (picture[:, y : y + rows * step : step, x : x + columns * step : step] for y, x in np.ndindex(step, step))
+    return np.asarray(sum(parts) / np.float32(step**2))
 
 
 def balanced(photo: Photo, light: Singles) -> Singles:
@@ -360,7 +386,7 @@ def restored_light(
     epsilon: float | None,
     bin: bool,
     trust: bool = False,
-    rivals: Mapping[str, Callable[[], Blur]] = MappingProxyType({}),
+    rivals: Mapping[str, Blur] = MappingProxyType({}),
 ) -> tuple[Record, Chosen, Explained, tuple[str, ...]]:
     """The record of a photograph, what the chosen restorer made of it, whether the blur explains it, and sentences.
 
@@ -369,7 +395,7 @@ def restored_light(
     Args:
         chosen: whether the best is asked for, so that Wiener alone restores a large photograph.
         epsilon: strength of the prior, with which the blur is trusted; None for what each record speaks for.
-        rivals: makers of other blurs by name, of which one may explain the photograph better; looked at unless trusted.
+        rivals: other blurs by name, of which one may explain the photograph better; looked at unless trusted.
     """
     record, seen, sentences = photo.record, blur, photo.told
     if isinstance(blur, MeasuredBlur):
@@ -377,7 +403,7 @@ def restored_light(
         sentences = (*sentences, *lost)
     if bin:
         record, seen, sentences = binned(record), BinnedBlur(seen), (*sentences, "means over 2 x 2 pixels")
-        rivals = {name: partial(lambda made: BinnedBlur(made()), made) for name, made in rivals.items()}
+        rivals = {name: BinnedBlur(rival) for name, rival in rivals.items()}
     if record.values[0].size > LARGE:
         if not chosen and [restorer.name for restorer in restorers] != [Wiener().name]:
             what = (
@@ -409,6 +435,7 @@ class RestoredPhoto:
     Attributes:
         picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
         full: bool [rows, columns], where a colour of the photograph was full.
+        before: the photograph itself, as large as a page shows it.
     """
 
     name: str
@@ -447,16 +474,19 @@ class RestoredPhoto:
             photo = replace(photo, matrix=colours.matrix)
             sentences = (*(text for text in sentences if "colour matrix" not in text), "colours by the chart")
         noise, dark = record.noise, np.zeros(1, dtype=np.float32)
-        picture, before = (
-            np.moveaxis(turned(np.moveaxis(developed(photo, light, stops), 0, -1), photo.orientation), -1, 0)
-            for light in (won.picture, record.values)
-        )
-        clipped = turned(np.asarray(record.clipped.any(axis=0)), photo.orientation)
+
+        def upright(light: Singles) -> Singles:
+            return np.moveaxis(turned(np.moveaxis(developed(photo, light, stops), 0, -1), photo.orientation), -1, 0)
+
+        before, picture = shrunk(upright(record.values)), upright(won.picture)
+        full = turned(np.asarray(record.clipped.any(axis=0)), photo.orientation)
+        for plane in picture:
+            full |= plane >= 1
         return cls(
             photo.name,
             photo.sha256,
             picture,
-            np.asarray(clipped | (picture >= 1).any(axis=0)),
+            full,
             blur,
             won.makers,
             won.epsilon,

@@ -193,7 +193,7 @@ def test_a_wrong_die_is_told_and_the_right_one_is_not_refused():
     assert (right.setting.scale, right.setting.turn) == pytest.approx((1.0, 0.0), abs=0.02)
     assert wrong.verdict == FOREIGN
     # Another die of the job is named where it explains more.
-    beaten = explain(seen, designed("stripes"), noise, {"bars": lambda: designed("bars")})
+    beaten = explain(seen, designed("stripes"), noise, {"bars": designed("bars")})
     assert (beaten.verdict, beaten.rival and beaten.rival[0]) == (FOREIGN, "bars")
 
 
@@ -220,7 +220,7 @@ def test_a_photograph_that_could_tell_nothing_refuses_nothing_and_names_no_die()
     record, _ = taken(4, spread("bars"), 10.0, 1)
     seen = Record(record, Noise(10.0, READ_E))
     noise, _ = noise_of(seen, stated=True)
-    found = explain(seen, designed("bars"), noise, {"lattice": lambda: designed("lattice")})
+    found = explain(seen, designed("bars"), noise, {"lattice": designed("lattice")})
     assert found.power.told < 0.9
     assert (found.verdict, found.rival) == (UNSURE, None)
 

@@ -40,6 +40,14 @@ def test_mirroring_in_two_steps_is_mirroring():
     np.testing.assert_allclose(margin.mirrored(record), wanted, atol=1e-3)
 
 
+def test_a_few_columns_at_a_time_are_filtered_as_all_at_once():
+    margin, draw = Margin((200, 300), 24), np.random.default_rng(4)
+    plane = draw.random((152, 252), dtype=np.float32)
+    transfer = draw.random((200, 151), dtype=np.float32)
+    found = margin.filtered(plane, lambda part: transfer[:, part])
+    np.testing.assert_allclose(found, margin.blurred(margin.mirrored(plane[None]), transfer[None])[0], atol=1e-6)
+
+
 def test_the_filter_inverts_where_noise_is_none_and_gives_up_where_there_is_nothing():
     transfer = np.array([1.0, 0.5, 1e-3, 0.0], dtype=np.float32)
     inverse_prior = np.array([0.0, 1.0, 1.0, 0.0], dtype=np.float32)

@@ -188,7 +188,7 @@ Tried = tuple[Restorer, float]
 """A restorer at one strength."""
 
 _LARGEST = 1024
-"""Pixels along a side of what is looked at, from the record's middle."""
+"""Pixels along a side of what is looked at, from the record's middle; half of it where strength alone is chosen."""
 _SCATTER = 0.2
 """Of an error, by how much that of an imagined record is off it, beyond what is the same for all."""
 _STEP = 0.02
@@ -246,7 +246,9 @@ class Choice:
         tried = [(restorer, step * epsilons[restorer.name]) for restorer in self.restorers for step in self.steps]
         shares, criteria, expected = {0: 1.0}, dict[str, float](), dict[str, float]()
         if len(tried) > 1:
-            by_halves, errors, apart = self._judged(_middle(record), blur, tried)
+            by_halves, errors, apart = self._judged(
+                _middle(record, _LARGEST if len(self.restorers) > 1 else _LARGEST // 2), blur, tried
+            )
             shares, criteria, expected = mixed(errors, apart, tried), _least(tried, by_halves), _least(tried, errors)
         pictures = {each: tried[each][0].prepare(record, blur)(tried[each][1]) for each in shares}
         first = max(shares, key=shares.__getitem__)
@@ -339,11 +341,11 @@ def expected_errors(told: Floats, noise: Floats, imagined: Floats, passed: Float
     return np.asarray(imagined + before @ differ.T @ precision @ differ @ (told - passed))
 
 
-def _middle(record: Record) -> Record:
-    """At most 1024 x 1024 pixels of a record, so that a large one is not restored many times."""
+def _middle(record: Record, most: int) -> Record:
+    """At most so many pixels along a side of a record, so that a large one is not restored many times."""
     rows, columns = record.values.shape[1:]
-    top, left = max(0, rows - _LARGEST) // 2, max(0, columns - _LARGEST) // 2
-    return replace(record, values=record.values[:, top : top + _LARGEST, left : left + _LARGEST])
+    top, left = max(0, rows - most) // 2, max(0, columns - most) // 2
+    return replace(record, values=record.values[:, top : top + most, left : left + most])
 
 
 GRID = tuple(float(each) for each in np.geomspace(1e-5, 1e2, 15))

@@ -56,9 +56,23 @@ class Ready:
 
     def __call__(self, epsilon: float) -> Singles:
         picture = np.empty_like(self.record)
-        for colour, (spectrum, filtered) in enumerate(self._filtered(epsilon)):
-            picture[colour] = restore(spectrum, filtered, self.margin)[0]
+        if self.spectra is None:
+            self._by_columns(epsilon, picture)
+        else:
+            for colour, both in enumerate(self._filtered(epsilon)):
+                picture[colour] = restore(*both, self.margin)[0]
         return picture
+
+    def _by_columns(self, epsilon: float, picture: Singles) -> None:
+        """Restore a large picture into one; some columns of its spectrum and filter are held at a time."""
+        y, x = scipy.fft.fftfreq(self.margin.shape[0])[:, None], scipy.fft.rfftfreq(self.margin.shape[1])
+        for plane, seen, transfer in zip(picture, self.record, self.blur.on(self.margin.shape), strict=True):
+
+            def filtered(part: slice, transfer: Transfer = transfer) -> Transfer:
+                falling = ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32)
+                return wiener(transfer[:, part], falling, epsilon)
+
+            np.clip(self.margin.filtered(seen, filtered), 0.0, 1.0, out=plane)
 
     def sampled(self, epsilon: float, step: int) -> Singles:
         """Every so many-th pixel of it both ways, see :meth:`Margin.rows`."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.base import __version__
-from maskfab.base.arrays import Floats
+from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import SourceError
 from maskfab.base.files import no_file
 from maskfab.base.model import Die, DieOptics, Plate, Psf, Quantity
@@ -117,9 +117,11 @@ def write_channels(
 
 
 _STEPS = 65535
+_ROWS = 64
+"""Coded at a time."""
 
 
-def write_exr(light: Floats, path: Path, facts: Facts) -> None:
+def write_exr(light: Floats | Singles, path: Path, facts: Facts) -> None:
     """Write linear light as half floats; row 0 of the file is the top.
 
     Args:
@@ -129,7 +131,9 @@ def write_exr(light: Floats, path: Path, facts: Facts) -> None:
     write_channels(_upright(light).astype(np.float16), ("R", "G", "B"), path, facts)
 
 
-def write_png(light: Floats, path: Path, white: float = 1.0, exif: Mapping[str, Any] = MappingProxyType({})) -> None:
+def write_png(
+    light: Floats | Singles, path: Path, white: float = 1.0, exif: Mapping[str, Any] = MappingProxyType({})
+) -> None:
     """Write linear light as 8-bit sRGB (IEC 61966-2-1); ``white`` is what becomes 255, more is cut off.
 
     Args:
@@ -139,18 +143,24 @@ def write_png(light: Floats, path: Path, white: float = 1.0, exif: Mapping[str, 
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     # A table of 16 bits is off by at most a twentieth of a code, and saves a power for every value.
-    steps = np.clip(_upright(light) * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
     table = (code_of_light(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)
-    pixels = np.ascontiguousarray(table[steps])
+    upright = _upright(light)
+    pixels: NDArray[np.uint8] = np.empty(upright.shape, dtype=np.uint8)
+    for first in range(0, len(upright), _ROWS):
+        steps = np.clip(upright[first : first + _ROWS] * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
+        pixels[first : first + _ROWS] = table[steps]
     height, width, channels = pixels.shape
     header = oiio.ImageSpec(width, height, channels, "uint8")
     header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    # Half of the time for a twentieth more bytes: one filter for all rows, each less its left neighbours.
+    header.attribute("png:compressionLevel", 3)
+    header.attribute("png:filter", 16)
     for name, value in exif.items():
         header.attribute(name, value)
     write_image(pixels, header, path)
 
 
-def _upright(light: Floats) -> Floats:
+def _upright(light: NDArray[Any]) -> NDArray[Any]:
     """[y, x, 3] with the top row first."""
     last = light if light.shape[-1] == 3 else np.moveaxis(light, 0, -1)
     return last[::-1]

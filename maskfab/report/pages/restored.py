@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from maskfab.base.arrays import Singles
+from maskfab.camera.photo import shrunk
 from maskfab.optics.colour import code_of_light
 from maskfab.report.figures.scene import tile
 from maskfab.report.pages.template import page_template, style
 
 PAGE = "restore.html"
-_SIDE = 720
-"""Pixels along a picture's longer side on the page, at most."""
 
 
 def restored_page(
@@ -49,8 +46,4 @@ def restored_page(
 
 
 def _shown(picture: Singles, words: str) -> Markup:
-    """Means over as many pixels as the page has no room for."""
-    step = math.ceil(max(picture.shape[1:]) / _SIDE)
-    rows, columns = (side // step * step for side in picture.shape[1:])
-    cells = picture[:, :rows, :columns].reshape(3, rows // step, step, columns // step, step).mean(axis=(2, 4))
-    return Markup(tile(code_of_light(np.asarray(cells)).astype(np.float32), words))
+    return Markup(tile(code_of_light(shrunk(picture)), words))
