@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from capture_simulator import Dots, Optics, picture
+from capture_simulator import Dots, Optics, lamp_picture
+from capture_simulator import picture as point_picture
 from numpy.typing import NDArray
 from scipy import ndimage
 
@@ -34,9 +35,15 @@ class Bench:
     peak_e: float = 1e4
     mosaic: dict[str, float] | None = None
 
-    def light(self, optics: Optics | None = None, at_um: tuple[float, float] = (0.0, 0.0)) -> Floats:
-        """Share of the light in every pixel."""
+    def light(
+        self, optics: Optics | None = None, at_um: tuple[float, float] = (0.0, 0.0), wide_um: float = 0.0
+    ) -> Floats:
+        """Share of the light in every pixel, of a point or of a disc."""
         optics = optics or self.optics
+
+        def picture(die: Dots, optics: Optics, at_um: tuple[float, float]) -> Floats:
+            return lamp_picture(die, optics, wide_um, at_um) if wide_um else point_picture(die, optics, at_um)
+
         if self.mosaic is None:
             return picture(self.die, optics, at_um)
         seen = {
@@ -195,8 +202,7 @@ def _glare(bench: Bench, strength: float, random: np.random.Generator) -> Floats
 
 def _lamp_size(bench: Bench, strength: float, random: np.random.Generator) -> Floats:
     """A disc of light, of so many um across on the sensor."""
-    places = [strength / 2 * np.sqrt((k + 0.5) / 12) * np.exp(2.39996j * k) for k in range(12)]
-    return np.asarray(sum(bench.light(at_um=(float(p.real), float(p.imag))) for p in places) / len(places))
+    return bench.light(wide_um=strength)
 
 
 def _band(bench: Bench, strength: float, random: np.random.Generator) -> Floats:

@@ -54,11 +54,8 @@ def told(bench: Bench, kind: str, strength: float, seed: int) -> Measured:
 def named(found: Measured) -> set[str]:
     """Names of all that is said to be there."""
     names = {str(found.verdict.cause)} if found.verdict.cause not in (None, Cause.INTERVAL) else set()
-    names |= {
-        str(Cause(f"{name} pixels" if name != "dust" else name))
-        for name, count in found.explained.left_out.counts.items()
-        if count
-    }
+    left_out = found.explained.left_out.counts if found.holds else {}
+    names |= {str(Cause(f"{name} pixels" if name != "dust" else name)) for name, count in left_out.items() if count}
     said = " ".join(found.sentences)
     names |= {str(Cause.LAMP)} if "second lamp" in said else set()
     seen = {"no point": "size of the lamp", "no line": "bandwidth", "die's middle": "place", "stop is": "stop"}

@@ -42,20 +42,12 @@ FULL = {
 }
 """Full widths, of a bell at half its height, in standard deviations; values of these names are variances."""
 STEPS = {
-    DIE_X: 0.1,
-    DIE_Y: 0.1,
-    STOP: 0.1,
-    CUT_X: 0.1,
-    CUT_Y: 0.1,
+    **dict.fromkeys((*PLACE, STOP, *CUT[:2]), 0.1),
     CUT_BEND: 0.01,
-    LIGHT_DISC: 0.05,
-    LIGHT_BELL: 0.05,
-    BAND_FLAT: 1.0,
-    BAND_BELL: 1.0,
-    AXIAL: 0.001,
-    AXIAL_BEND: 0.001,
-    LATERAL_X: 0.02,
-    LATERAL_Y: 0.02,
+    **dict.fromkeys(LIGHTS, 0.05),
+    **dict.fromkeys(BANDS, 1.0),
+    **dict.fromkeys((AXIAL, AXIAL_BEND), 0.001),
+    **dict.fromkeys(LATERAL, 0.02),
 }
 """By which each is moved for its slope; the stop's edge by far less than a dot."""
 _STRAIGHT, _BENT = 0.05, 1.0

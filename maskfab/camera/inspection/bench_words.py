@@ -10,6 +10,7 @@ from maskfab.base.units import decimals_of
 from maskfab.camera.inspection.bench import (
     AXIAL,
     AXIAL_BEND,
+    BAND_BELL,
     BAND_FLAT,
     BANDS,
     CUT_BEND,
@@ -17,14 +18,17 @@ from maskfab.camera.inspection.bench import (
     CUT_Y,
     DIE_X,
     DIE_Y,
+    FULL,
     LATERAL_X,
     LATERAL_Y,
+    LIGHT_BELL,
     LIGHT_DISC,
     LIGHTS,
     STOP,
     edge_inside_um,
 )
 from maskfab.camera.inspection.causes import Explanation
+from maskfab.camera.inspection.die_image import LAMP
 from maskfab.camera.scores import NORMAL_95
 
 _LEAST_PX = 0.5
@@ -39,14 +43,15 @@ _NAMES = {
     AXIAL_BEND: "captured_axial_bend",
     LATERAL_X: "captured_lateral_x",
     LATERAL_Y: "captured_lateral_y",
+    **dict(zip(LAMP, ("captured_lamp_x", "captured_lamp_y", "captured_lamp"), strict=True)),
 }
 _HOW = "weighted least squares beside all that the fit holds; 95 % by Fisher's information"
 
 
 def bench_quantities(told: Explanation, die: str) -> Iterator[Quantity]:
-    """Values of the bench that residuals asked for."""
+    """Values of another lamp, and of the bench, that residuals asked for."""
     half = {name: NORMAL_95 * error for name, error in told.fit.errors.items()}
-    for name, value in told.fit.setting.bench:
+    for name, value in zip(told.fit.setting.names, told.fit.setting.values.tolist(), strict=True):
         if name in _NAMES:
             yield Quantity(_NAMES[name], value, _HOW, half[name], die=die)
         elif name == STOP:
@@ -54,14 +59,29 @@ def bench_quantities(told: Explanation, die: str) -> Iterator[Quantity]:
             yield Quantity("captured_stop_diameter", diameter_um, _HOW, half[name], die=die)
     for number, width in (("captured_light_width", _light(told)), ("captured_bandwidth", told.width(*BANDS))):
         if width is not None:
-            shape = "a disc" if width[0] == LIGHT_DISC else "a flat band" if width[0] == BAND_FLAT else "a bell"
-            method = f"steps of the variance of {shape} in {_HOW}"
+            method = f"steps of the variance of {_SHAPES[width[0]][0]} in {_HOW}"
             yield Quantity(number, width[1], method, NORMAL_95 * width[2], die=die)
 
 
+_SHAPES = {
+    LIGHT_DISC: ("a disc", "full width of a disc"),
+    LIGHT_BELL: ("a bell", "full width at half maximum of a Gaussian"),
+    BAND_FLAT: ("a flat band", "as a flat band"),
+    BAND_BELL: ("a bell", "at half its height, as a Gaussian"),
+    "": ("a disc or a bell, the error reaching over both,", "too narrow to tell a disc from a Gaussian"),
+}
+"""Of widths that are told: the shape, and the shape in words of a sentence."""
+
+
 def _light(told: Explanation) -> tuple[str, float, float] | None:
-    width = told.width(*LIGHTS)
-    return None if width is None or width[1] < _LEAST_PX * told.image.camera.pixel_um else width
+    """Shape, full width and standard error of the light; of less than a pixel the shape is not told."""
+    width, pixel_um = told.width(*LIGHTS), told.image.camera.pixel_um
+    if width is None or width[1] < _LEAST_PX * pixel_um:
+        return None
+    if width[1] >= pixel_um:
+        return width
+    low, high = (FULL[each] / FULL[width[0]] for each in reversed(LIGHTS))
+    return "", width[1] * (low + high) / 2, width[1] * (high - low) / 2 / NORMAL_95 + high * width[2]
 
 
 def bench_sentences(told: Explanation) -> Iterator[str]:
@@ -69,7 +89,7 @@ def bench_sentences(told: Explanation) -> Iterator[str]:
     bench, fit = dict(told.fit.setting.bench), told.fit
     half = {name: NORMAL_95 * error for name, error in fit.errors.items()}
     if DIE_X in bench:
-        right, up = (_number(bench[name], half[name]) for name in (DIE_X, DIE_Y))
+        right, up = (by_error(bench[name], half[name]) for name in (DIE_X, DIE_Y))
         panel = told.image.panel
         period = (
             f", or so and whole cells of {panel.cell_size.pitch_um:g} um" if panel.tiling is Tiling.PERIODIC else ""
@@ -87,7 +107,7 @@ def bench_sentences(told: Explanation) -> Iterator[str]:
     if STOP in bench:
         diameter = told.image.camera.stop.diameter_um
         yield (
-            f"The stop is {_number(diameter + bench[STOP], half[STOP], sign=False)} um wide where the job states "
+            f"The stop is {by_error(diameter + bench[STOP], half[STOP], sign=False)} um wide where the job states "
             f"{diameter:g} um; the fit allows for it."
         )
     depth = math.hypot(bench.get(CUT_X, 0.0), bench.get(CUT_Y, 0.0))
@@ -99,31 +119,28 @@ def bench_sentences(told: Explanation) -> Iterator[str]:
     yield from _light_sentences(told)
     if AXIAL in bench:
         yield (
-            f"Colours focus apart, by {_number(bench[AXIAL], half[AXIAL])} waves of defocus for each 100 nm; the fit "
+            f"Colours focus apart, by {by_error(bench[AXIAL], half[AXIAL])} waves of defocus for each 100 nm; the fit "
             "allows for it."
         )
     if LATERAL_X in bench:
-        right, up = (_number(bench[name], half[name]) for name in (LATERAL_X, LATERAL_Y))
+        right, up = (by_error(bench[name], half[name]) for name in (LATERAL_X, LATERAL_Y))
         yield f"Colours lie apart, by {right} um to the right and {up} um up for each 100 nm; the fit allows for it."
 
 
 def _light_sentences(told: Explanation) -> Iterator[str]:
     light, band = _light(told), told.width(*BANDS)
     if light is not None:
-        shape = "of a disc" if light[0] == LIGHT_DISC else "at half maximum of a Gaussian"
+        width = by_error(light[1], NORMAL_95 * light[2], sign=False)
         yield (
-            f"The light is no point: on the sensor it is {light[1]:.2f} ± {NORMAL_95 * light[2]:.2f} um wide (full "
-            f"width {shape}), or the pixels spread what they take. The fit allows for it; a smaller pinhole, or one "
-            "farther away, tells more."
+            f"The light is no point: on the sensor it is {width} um wide ({_SHAPES[light[0]][1]}), or the pixels "
+            "spread what they take. The fit allows for it; a smaller pinhole, or one farther away, tells more."
         )
     if band is not None:
-        shape = "as a flat band" if band[0] == BAND_FLAT else "at half its height, as a Gaussian"
-        yield (
-            f"The light is no line: it is {band[1]:.1f} ± {NORMAL_95 * band[2]:.1f} nm wide {shape}; the fit allows "
-            "for it."
-        )
+        width = by_error(band[1], NORMAL_95 * band[2], sign=False)
+        yield f"The light is no line: it is {width} nm wide {_SHAPES[band[0]][1]}; the fit allows for it."
 
 
-def _number(value: float, error: float, *, sign: bool = True) -> str:
-    decimals = max(0, min(3, decimals_of(error))) if error else 3
+def by_error(value: float, error: float, *, sign: bool = True) -> str:
+    """A number with its error, to the decimals that this allows, four at most."""
+    decimals = max(0, min(4, decimals_of(error))) if error else 4
     return f"{value:{'+' if sign else ''}.{decimals}f} ± {error:.{decimals}f}"

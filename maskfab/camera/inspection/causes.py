@@ -225,8 +225,8 @@ def _without(
 
 
 def _fresh(setting: Setting) -> Setting:
-    """A setting that knows of places alone: what it made of the rest may be the doing of what is now left out."""
-    terms = tuple((term, 0.0) for term in FIRST_TERMS)
+    """A setting that knows of places and focus alone: the rest may be the doing of what is now left out."""
+    terms = tuple(pair for pair in setting.terms if pair[0] in FIRST_TERMS)
     return Setting(setting.x_um, setting.y_um, terms=terms, lamp=setting.lamp, bench=setting.bench)
 
 

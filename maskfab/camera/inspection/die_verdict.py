@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from maskfab.base.units import decimals_of
 from maskfab.camera.blur import STANDS, stand_words
-from maskfab.camera.inspection.bench_words import bench_sentences
+from maskfab.camera.inspection.bench_words import bench_sentences, by_error
 from maskfab.camera.inspection.causes import Explanation
 from maskfab.camera.inspection.costs import ALL, TERM_NAMES, Cost, disagreement
 from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, deciding_frame
@@ -146,11 +145,6 @@ _LOOKS = {
 }
 
 
-_WITHIN_NOISE = {
-    Cause.DRIFT: "exposures disagree at more pixels than hits and hot pixels explain",
-}
-
-
 def judged_die(
     found: Identified, told: Explanation, promise: Promise, *, cause: Cause | None, mirrored: bool, width_um: float
 ) -> Verdict:
@@ -161,9 +155,11 @@ def judged_die(
 
     best, fit = found.best, told.fit
     if cause is not None:
-        reason = _WITHIN_NOISE.get(cause, f"residuals are {told.factor:.2f} times the noise, and have a pattern")
+        reason = f"residuals are {told.factor:.2f} times the noise, and have a pattern"
         if told.factor > told.most:
             reason = f"the model leaves {told.factor:.2f} times the noise, where {told.most:.2f} is the most"
+        elif cause is Cause.DRIFT:
+            reason = "exposures disagree at more pixels than hits and hot pixels explain"
         first = told.suspects[0] if told.suspects and told.suspects[0].cause is cause else None
         if first is None:
             return untold(cause, f"{reason}; it looks like {_LOOKS[cause]}.", _NEXT[cause])
@@ -205,29 +201,24 @@ def judged_die(
 
 
 _STRENGTHS = {
-    Cause.BLACK: ("{:+.{d}f} ± {:.{d}f} counts", 1.0),
-    Cause.GAMMA: ("counts going as light to the power 1 {:+.{d}f} ± {:.{d}f}", 1.0),
-    Cause.SOFT_CLIP: ("the brightest by {:.{d}f} ± {:.{d}f} %", 100.0),
-    Cause.RESPONSE: ("by {:.{d}f} ± {:.{d}f} % (standard deviation)", 100.0),
-    Cause.ROWS: ("{:.{d}f} ± {:.{d}f} electrons (standard deviation)", 1.0),
-    Cause.COLUMNS: ("{:.{d}f} ± {:.{d}f} electrons (standard deviation)", 1.0),
-    Cause.SHADING: ("{:.{d}f} ± {:.{d}f} % at its edge", 100.0),
-    Cause.GLARE: ("{:.{d}f} ± {:.{d}f} % of it", 100.0),
+    Cause.BLACK: ("{} counts", 1.0, True),
+    Cause.GAMMA: ("counts going as light to the power 1 {}", 1.0, True),
+    Cause.SOFT_CLIP: ("the brightest by {} %", 100.0, False),
+    Cause.RESPONSE: ("by {} % (standard deviation)", 100.0, False),
+    Cause.ROWS: ("{} electrons (standard deviation)", 1.0, False),
+    Cause.COLUMNS: ("{} electrons (standard deviation)", 1.0, False),
+    Cause.SHADING: ("{} % at its edge", 100.0, False),
+    Cause.GLARE: ("{} % of it", 100.0, False),
 }
-"""Strengths in words, with their errors of 95 %, and what they are multiplied by for that."""
+"""Strengths in words, with their errors of 95 %, what they are multiplied by for that, and whether they have signs."""
 
 
 def strength(suspect: Suspect) -> str:
     """The strength of a fault with its error, in words."""
     if suspect.cause not in _STRENGTHS:
-        return (
-            f"{suspect.value:.0f} of them"
-            if suspect.cause in (Cause.HOT, Cause.DEAD)
-            else f"{suspect.value:.0f} pixels"
-        )
-    words, factor = _STRENGTHS[suspect.cause]
-    half = factor * NORMAL_95 * suspect.error
-    return words.format(factor * suspect.value, half, d=max(0, min(4, decimals_of(half))) if half else 4)
+        return f"{suspect.value:.0f} pixels"
+    words, factor, sign = _STRENGTHS[suspect.cause]
+    return words.format(by_error(factor * suspect.value, factor * NORMAL_95 * suspect.error, sign=sign))
 
 
 def stands(hypothesis: Hypothesis) -> str:
@@ -263,19 +254,18 @@ def seen_sentences(
         sentences.append(f"It cannot be told which die this is: {best.die} is the most likely.")
     lamp = told.fit.setting.lamp
     if lamp is not None:
-        half = 100 * NORMAL_95 * told.fit.errors["lamp_share"]
+        share = by_error(100 * lamp.share, 100 * NORMAL_95 * told.fit.errors["lamp_share"], sign=False)
         sentences.append(
-            f"A second lamp of {_by_error(100 * lamp.share, half)[1:]} % of the light stands {lamp.x_um:+.1f} um to "
-            f"the right and {lamp.y_um:+.1f} um up on the sensor; the fit allows for it."
+            f"A second lamp of {share} % of the light stands {lamp.x_um:+.1f} um to the right and {lamp.y_um:+.1f} um "
+            "up on the sensor; the fit allows for it."
         )
     left_out = told.left_out.counts
     for name, what in _LEFT_OUT.items():
         if left_out[name]:
             sentences.append(f"{left_out[name]} pixels were left out, for they {what}.")
     if drift > _WORTH_SAYING:
-        sentences.append(
-            f"Light of exposures differs from what their times say by up to {drift:.1%}; the fit allows for it."
-        )
+        said = f"Light of exposures differs from what their times say by up to {100 * drift:.1f} %"
+        sentences.append(f"{said}; the fit allows for it.")
     sentences += bench_sentences(told)
     sentences.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
@@ -327,7 +317,7 @@ def _cost_sentences(costs: Sequence[Cost]) -> list[str]:
 def _lens_sentence(fit: Fit, line_nm: float) -> str:
     half = {term: NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
     seen = [
-        f"{TERM_NAMES.get(term, f'Zernike {term}')} {_by_error(waves, half[term])}"
+        f"{TERM_NAMES.get(term, f'Zernike {term}')} {by_error(waves, half[term])}"
         for term, waves in fit.setting.terms
         if abs(waves) > half[term]
     ]
@@ -336,9 +326,3 @@ def _lens_sentence(fit: Fit, line_nm: float) -> str:
     rest = len(half) - len(seen)
     left = f"; {rest} more cannot be told from zero" if rest else ""
     return f"Lens, in waves of {line_nm:g} nm: {', '.join(seen)}{left}."
-
-
-def _by_error(value: float, error: float) -> str:
-    """A number with its sign and its error, to the decimals that this allows, four at most."""
-    decimals = max(0, min(4, decimals_of(error))) if error else 4
-    return f"{value:+.{decimals}f} ± {error:.{decimals}f}"

@@ -19,7 +19,7 @@ import numpy as np
 
 from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError, SourceError
-from maskfab.base.model import Panel, Quantity, frozen
+from maskfab.base.model import Frozen, Panel, Quantity
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.frames.frame import PIXELS_OF, Colour, Frame
 from maskfab.camera.inspection.edge_health import faults
@@ -42,7 +42,7 @@ _COLUMNS = f"{PER_PIXEL} or {PER_MM}, mtf, and low and high where there is a ban
 
 
 @dataclass(frozen=True, eq=False)
-class MtfCurve:
+class MtfCurve(Frozen):
     """A measured MTF.
 
     Attributes:
@@ -59,11 +59,6 @@ class MtfCurve:
     low: Floats | None
     high: Floats | None
     normal_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_px", "mtf", "low", "high"):
-            value = getattr(self, name)
-            object.__setattr__(self, name, None if value is None else frozen(value))
 
     @property
     def frequency_cy_per_mm(self) -> Floats:
@@ -116,7 +111,7 @@ _PERIOD, _PER_PX = 16, 8
 
 
 @dataclass(frozen=True, eq=False)
-class DesignedMtf:
+class DesignedMtf(Frozen):
     """The designed presampled MTF along an edge's normal, at the frequencies of the measured one.
 
     Attributes:
@@ -132,10 +127,6 @@ class DesignedMtf:
     seen: Floats
     uncertainty: float
     method: str
-
-    def __post_init__(self) -> None:
-        for name in ("frequency_cy_per_px", "mtf", "seen"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def designed_mtf(

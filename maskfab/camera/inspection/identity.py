@@ -3,7 +3,7 @@
 In focus a die and the same die turned by 180 degrees make one picture, for the transmission of a mask is real; out of
 focus one makes the other's picture on the other side of the focus. So of eight ways round four are told apart.
 
-A die that lies off the axis is looked for with its place before it is fitted.
+A die that is out of focus, or off the axis, is looked for with its defocus or place before it is fitted.
 """
 
 from __future__ import annotations
@@ -20,15 +20,8 @@ from maskfab.base.model import Panel
 from maskfab.base.work import Progress, silent
 from maskfab.camera.inspection.bench import CUT_BEND
 from maskfab.camera.inspection.bench_search import cut_found, place_found
-from maskfab.camera.inspection.die_image import DieImage, Setting, gathered
-from maskfab.camera.inspection.fit import (
-    FIRST_TERMS,
-    Fit,
-    Taken,
-    colours_of,
-    fitted,
-    judged,
-)
+from maskfab.camera.inspection.die_image import DEFOCUS, DieImage, Setting, gathered
+from maskfab.camera.inspection.fit import FIRST_TERMS, Fit, Taken, colours_of, fitted, judged, most_noise
 from maskfab.job.camera import Camera
 from maskfab.optics.spectrum import Spectrum
 
@@ -36,8 +29,10 @@ WAYS_ROUND = (0, 1, 4, 5)
 """Elements of D4 that are told apart; each stands for itself and for itself turned by 180 degrees."""
 _REACH_UM = 45.0
 """Half the side of what is looked at first: a small turn or stretch moves nothing there by a speckle."""
-_SEARCHED, _SEARCHED_CUT = 6, 3
-"""Hypotheses whose place before the stop is looked for, and what cuts their light."""
+_FOCUSED, _SEARCHED, _SEARCHED_CUT = 12, 6, 3
+"""Hypotheses whose defocus is looked for, their place before the stop, and what cuts their light."""
+_WIDEST_DEFOCUS, _FINEST_DEFOCUS = 0.15, 0.03
+"""Steps in waves by which it is looked for, from wide to fine."""
 _FAR_BELOW = 0.2
 _LENS = tuple(range(4, 12))
 """Errors of the lens that are fitted at once where something cuts its light: the search for that knows of none."""
@@ -107,6 +102,10 @@ def identified(
     middle = [capture.within(_REACH_UM) for capture in taken]
     mine = {colour: light[colour] for colour in colours_of(taken)}
     few = {colour: gathered(lines, camera, _REACH_UM) for colour, lines in mine.items()}
+
+    def imaged(die: Hypothesis) -> DieImage:
+        return DieImage.of(panels[die.die], die.way_round, camera, few, [capture.pixels for capture in middle])
+
     placed: list[tuple[float, Hypothesis, Setting]] = []
     noise = math.inf
     for done, (name, panel) in enumerate(panels.items(), start=1):
@@ -114,22 +113,18 @@ def identified(
         for way in WAYS_ROUND:
             if way % 2 and not square:
                 continue
-            image = DieImage.of(panel, way, camera, few, [capture.pixels for capture in middle])
-            setting, chi2, freedom = _placed(image, middle)
+            setting, chi2, freedom = _placed(imaged(Hypothesis(name, way)), middle)
             noise = min(noise, chi2 / freedom)
             placed.append((chi2, Hypothesis(name, way), setting))
         progress("dies", done, len(panels))
     noise = max(1.0, noise)
-
-    def imaged(die: Hypothesis) -> DieImage:
-        return DieImage.of(panels[die.die], die.way_round, camera, few, [capture.pixels for capture in middle])
-
     placed.sort(key=lambda case: case[0])
-    for search, count in ((place_found, _SEARCHED), (cut_found, _SEARCHED_CUT)):
+    for search, count in ((_focused, _FOCUSED), (place_found, _SEARCHED), (cut_found, _SEARCHED_CUT)):
         for k, (middling, each, stood) in enumerate(placed[:count]):
             least = min(chi2 for chi2, _, _ in placed)
             # As long as no die explains the middle, the one that is nearest may be the wrong one.
-            if middling - least > _HOPELESS * noise and least < _FAR_BELOW * middling:
+            explained = middling - least > _HOPELESS * noise and least < _FAR_BELOW * middling
+            if explained and search is not _focused:
                 continue
             there = imaged(each)
             setting = search(there, middle, stood)
@@ -145,7 +140,8 @@ def identified(
         there = imaged(each)
         # A fit of the middle takes little, and leaves one of the whole few steps.
         terms = _LENS if CUT_BEND in dict(setting.bench) else FIRST_TERMS
-        near = fitted(there, middle, replace(setting, terms=tuple((term, 0.0) for term in terms)))
+        known = dict(setting.terms)
+        near = fitted(there, middle, replace(setting, terms=tuple((term, known.get(term, 0.0)) for term in terms)))
         image = DieImage.of(panels[each.die], each.way_round, camera, mine, [t.pixels for t in taken])
         whole.append((each, fitted(image, taken, near.setting, progress)))
     whole.sort(key=lambda pair: pair[1].chi2)
@@ -166,6 +162,28 @@ def _placed(image: DieImage, taken: Sequence[Taken], setting: Setting = _NOWHERE
         setting = replace(setting, x_um=setting.x_um + across, y_um=setting.y_um + up)
     fit = judged(taken, image.pictures(setting), setting)
     return setting, fit.chi2, fit.freedom
+
+
+def _focused(image: DieImage, taken: Sequence[Taken], setting: Setting) -> Setting:
+    """A setting with the defocus that steps to either side lead to; as it was where that explains the picture.
+
+    In focus the slope with defocus is none, or leads to the wrong side.
+    """
+    fit = judged(taken, image.pictures(setting), setting)
+    if fit.chi2 / fit.freedom <= most_noise(fit):
+        return setting
+    best, least, waves, step = setting, fit.chi2, 0.0, _WIDEST_DEFOCUS
+    while step >= _FINEST_DEFOCUS:
+        tried = [
+            (_placed(image, taken, replace(setting, terms=((DEFOCUS, there),))), there)
+            for there in (waves - step, waves + step)
+        ]
+        (near, chi2, _), there = min(tried, key=lambda pair: pair[0][1])
+        if chi2 < least:
+            best, least, waves = near, chi2, there
+        else:
+            step /= 2
+    return best
 
 
 def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, float]:

@@ -391,14 +391,6 @@ def _seen_quantities(
     best: Hypothesis, told: Explanation, outside: Mapping[str, float], *, holds: bool
 ) -> Iterator[Quantity]:
     fit, die = told.fit, best.die
-    lamp = fit.setting.lamp if holds else None
-    if lamp is not None:
-        for name, value, key in (
-            ("captured_lamp", lamp.share, "lamp_share"),
-            ("captured_lamp_x", lamp.x_um, "lamp_x_um"),
-            ("captured_lamp_y", lamp.y_um, "lamp_y_um"),
-        ):
-            yield Quantity(name, value, _method(fit, key), NORMAL_95 * fit.errors[key], die=die)
     if holds:
         yield from bench_quantities(told, die)
     how = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
