@@ -76,12 +76,14 @@ _SHAPES = {
 def _light(told: Explanation) -> tuple[str, float, float] | None:
     """Shape, full width and standard error of the light; of less than a pixel the shape is not told."""
     width, pixel_um = told.width(*LIGHTS), told.image.camera.pixel_um
-    if width is None or width[1] < _LEAST_PX * pixel_um:
+    if width is None:
         return None
-    if width[1] >= pixel_um:
-        return width
     low, high = (FULL[each] / FULL[width[0]] for each in reversed(LIGHTS))
-    return "", width[1] * (low + high) / 2, width[1] * (high - low) / 2 / NORMAL_95 + high * width[2]
+    between = width[1] * (low + high) / 2
+    if between >= pixel_um:
+        return width
+    both = "", between, width[1] * (high - low) / 2 / NORMAL_95 + high * width[2]
+    return None if between < _LEAST_PX * pixel_um else both
 
 
 def bench_sentences(told: Explanation) -> Iterator[str]:
@@ -141,6 +143,6 @@ def _light_sentences(told: Explanation) -> Iterator[str]:
 
 
 def by_error(value: float, error: float, *, sign: bool = True) -> str:
-    """A number with its error, to the decimals that this allows, four at most."""
-    decimals = max(0, min(4, decimals_of(error))) if error else 4
+    """A number with its error, to the decimals that this allows, five at most."""
+    decimals = max(0, min(5, decimals_of(error))) if error else 4
     return f"{value:{'+' if sign else ''}.{decimals}f} ± {error:.{decimals}f}"

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from maskfab.base import __version__
-from maskfab.base.arrays import Mask
+from maskfab.base.arrays import Floats, Mask
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.model import Panel, Quantity
 from maskfab.base.units import UM_PER_NM
@@ -71,6 +71,7 @@ class Measured:
 
     Attributes:
         taken: their pixels about the light, with the noise that the fit expects.
+        drifts: light of each exposure over what its time says, in that of the longest.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         costs: of what is not as drawn; none where nothing can be told.
         if_numbers: numbers of the die and the lens where no verdict is; told beside a fault that was fitted, or of the
@@ -81,6 +82,7 @@ class Measured:
 
     merged: Merged
     taken: tuple[Taken, ...]
+    drifts: tuple[float, ...]
     identified: Identified
     image: DieImage
     fit: Fit
@@ -94,11 +96,6 @@ class Measured:
     if_sentences: tuple[str, ...]
     holds: bool
     mirrored: bool
-
-    @property
-    def drifts(self) -> tuple[float, ...]:
-        """Light of each exposure over what its time says, in that of the longest."""
-        return _drifts(self.merged, self.taken)
 
     @property
     def suspects(self) -> tuple[Suspect, ...]:
@@ -152,12 +149,14 @@ def measured(
     of_die = (*_quantities(best, fit, promise, width_um, decided=findings), *_priced(best, prices)) if holds else ()
     outside = _outside(merged, told.image, fit.setting) if holds else {}
     seen_numbers = tuple(_seen_quantities(best, told, outside, holds=holds))
-    apart = max(abs(drift - 1) for drift in _drifts(merged, told.taken))
+    drifts = _drifts(merged, told.taken)
+    apart = max(abs(drift - 1) for drift in drifts)
     sentences = seen_sentences(identity, told, mirrored=mirrored, drift=apart, holds=holds)
     of_fit = finding_sentences(told, prices, promise, camera.wavelengths_nm[0]) if holds else ()
     return Measured(
         merged=merged,
         taken=told.taken,
+        drifts=drifts,
         identified=identity,
         image=told.image,
         fit=fit,
@@ -361,11 +360,16 @@ def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, flo
     """Share of every colour's light beyond the window, as if all of its pixels were of that colour: the pixels of one
     alone hit or miss a peak that is as narrow as a pixel."""
     rows, columns = merged.shape
+    return {colour: 1 - float(picture.sum()) for colour, picture in _of_a_point(image, setting, rows, columns).items()}
+
+
+def _of_a_point(image: DieImage, setting: Setting, rows: int, columns: int) -> dict[str, Floats]:
+    """Pictures of a point in the middle of so many pixels, of each colour as if all were its; row 0 the top."""
     pixel_um = image.camera.pixel_um
     x, y = (pixel_um * (np.arange(count, dtype=np.float64) - (count - 1) / 2) for count in (columns, rows))
     whole = image.on([Pixels(colour, np.asarray(x), np.asarray(-y)) for colour in image.light])
     pictures = whole.pictures(replace(setting.of_a_point, x_um=0.0, y_um=0.0))
-    return {grid.colour: 1 - float(picture.sum()) for grid, picture in zip(whole.pixels, pictures, strict=True)}
+    return {grid.colour: picture for grid, picture in zip(whole.pixels, pictures, strict=True)}
 
 
 def _quantities(best: Hypothesis, fit: Fit, promise: Promise, width_um: float, *, decided: bool) -> Iterator[Quantity]:
@@ -416,11 +420,7 @@ def write_fitted_psf(image: DieImage, setting: Setting, die: str, path: Path) ->
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
-    # Of each colour as if all pixels were its, row 0 the top.
-    axis = image.camera.pixel_um * (np.arange(SIDE, dtype=np.float64) - SIDE // 2)
-    wide = image.on([Pixels(colour, axis, -axis) for colour in image.light])
-    pictures = wide.pictures(replace(setting.of_a_point, x_um=0.0, y_um=0.0))
-    psf = {grid.colour: picture for grid, picture in zip(wide.pixels, pictures, strict=True)}
+    psf = _of_a_point(image, setting, SIDE, SIDE)
     names = tuple("RGB" if len(psf) > 1 else "Y")
     pixels = np.stack([psf[name if len(psf) > 1 else next(iter(psf))] for name in names], axis=2).astype(np.float32)
     facts: dict[str, Fact] = {

@@ -61,6 +61,13 @@ def test_a_die_off_the_axis_is_found_where_it_stands(dots):
     assert any("The die's middle lies -23" in each for each in found.sentences)
 
 
+def test_a_lens_far_out_of_focus_is_told(dots):
+    """It was refused as light of no die: slopes in focus lead to the wrong side."""
+    found = told(picture(dots, optics(terms={4: -0.22})))
+    assert sure(found)
+    assert abs(dict(found.fit.setting.terms)[4] + 0.22) < 0.01
+
+
 def test_the_edge_of_a_die_within_the_stop_is_said_as_that(dots):
     """Features were told to be micrometres wider."""
     found = told(picture(dots.moved(120.0, 0.0), optics()))
