@@ -192,11 +192,15 @@ def explain(
     blur: Blur,
     noise: Sequence[NoiseSpectrum],
     rivals: Mapping[str, Blur] = MappingProxyType({}),
+    *,
+    coded: bool = False,
 ) -> Explained:
     """Hold a blur against a record, and fit what is usually unknown.
 
     Args:
         record: of at least 128 pixels along a side.
+        coded: whether it was developed or compressed, which takes structure away that light had: then what is missing
+            speaks against no blur.
         rivals: other blurs by name, of which one may explain it better; tried where this one does not.
     """
     square = _middle(record, LARGEST)
@@ -219,7 +223,7 @@ def explain(
         power = mine.power(setting, blur)
         clear = setting.gain > max(_LEAST, chance[0] + _SEEN * chance[1], power.limit) and power.surely(setting.gain)
         share = mine.share(setting)
-    missing = power.known and setting.gain < power.limit
+    missing = power.known and setting.gain < power.limit and not coded
     if wrong[0] > _WRONG or missing:
         far = mine.far()
         if far.gain > max(_FAR_GAIN, chance[0] + _FAR_CLEAR * chance[1]):

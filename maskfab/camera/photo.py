@@ -158,6 +158,7 @@ class Photo:
         matrix: [3, 3] from balanced colours to linear sRGB.
         orientation: tag by which it is still to be turned to be seen.
         exif: of its file.
+        coded: whether it holds code values, and not counts.
     """
 
     name: str
@@ -169,6 +170,7 @@ class Photo:
     noise_stated: bool = False
     orientation: int = 1
     exif: Mapping[str, Any] = field(default_factory=dict)
+    coded: bool = False
 
 
 def read_photo(path: Source, stated: Stated, *, cells: bool = False) -> Photo:
@@ -270,13 +272,15 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
     _check_light(light, ceiling, str(path))
     noise = estimated_noise(list(light), ceiling)
     sentences = [
-        f"{why}; taken for code values of sRGB, and linearised: the camera's tone curve is not undone",
+        f"{why}; taken for code values of sRGB, and linearised: the camera's tone curve is not undone, and structure "
+        "that is missing speaks against no display",
         _estimated(noise),
     ]
     values, cut = _cut(light)
     record = Record(np.ascontiguousarray(values), noise, ceiling)
     told, turn = (*sentences, *cut), picture.orientation
-    return Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), told, orientation=turn, exif=exif_of(path))
+    photo = Photo(path.stem, sha256_of_file(path), record, _ALIKE, np.eye(3), told, coded=True)
+    return replace(photo, orientation=turn, exif=exif_of(path))
 
 
 def _noise(
@@ -416,7 +420,7 @@ def restored_light(
         sentences = (*sentences, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
     noise, processed = noise_of(record, stated=photo.noise_stated)
     trust = trust or epsilon is not None
-    found = explain(record, seen, noise, {} if trust else rivals)
+    found = explain(record, seen, noise, {} if trust else rivals, coded=photo.coded)
     sentences = (*sentences, *processed)
     if trust:
         return record, restored(record, seen, restorers, epsilon), replace(found, trusted=True), sentences

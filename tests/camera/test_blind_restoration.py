@@ -81,12 +81,12 @@ def spread(die, scale=1.0, turn=0.0, waves=0.0, pixels=PIXELS, stop_um=2000.0):
 _EXPLAINED = {}
 
 
-def explained_once(seen, blur, noise, rivals=None):
+def explained_once(seen, blur, noise, rivals=None, *, coded=False):
     """What explains a record, found once by the same blur."""
-    key = seen.values.tobytes(), seen.noise, id(blur), tuple(rivals or ())
+    key = seen.values.tobytes(), seen.noise, id(blur), tuple(rivals or ()), coded
     if key not in _EXPLAINED:
         # The blur is kept too, lest another be told by its number.
-        _EXPLAINED[key] = blur, explain(seen, blur, noise, rivals or {})
+        _EXPLAINED[key] = blur, explain(seen, blur, noise, rivals or {}, coded=coded)
     return _EXPLAINED[key][1]
 
 
