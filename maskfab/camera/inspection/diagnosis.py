@@ -64,30 +64,18 @@ _MUCH_OF_IT = 0.35
 """Share of what is left over, that a fault must explain: it changes the noise, too."""
 _MOST_UNLIKE = 0.05
 """Deviation of pixels' response beyond which it is no sensor's: a wrong picture looks like that, too."""
-DARK, FLAT, DIMMER, OPEN, COVERED, AGAIN = (
+_DARK, _FLAT, _DIMMER = (
     "a dark frame as long as the longest exposure (--dark)",
     "frames of even light (--flat)",
     "the same stack at a quarter of the light",
-    "a stack of the light without the plate",
-    "a frame with the point light covered",
-    "the same stack once more",
 )
-_SHOWS: Mapping[Cause, tuple[str, ...]] = {
-    Cause.BLACK: (DARK,),
-    Cause.HOT: (DARK,),
-    Cause.ROWS: (DARK, AGAIN),
-    Cause.COLUMNS: (DARK, AGAIN),
-    Cause.RESPONSE: (FLAT,),
-    Cause.DEAD: (FLAT,),
-    Cause.DUST: (FLAT,),
-    Cause.SHADING: (FLAT,),
-    Cause.GAMMA: (DIMMER,),
-    Cause.SOFT_CLIP: (DIMMER,),
-    Cause.DRIFT: (AGAIN,),
-    Cause.LAMP: (COVERED, OPEN),
-    Cause.GLARE: (OPEN,),
+_SHOWN_IN: Mapping[Cause, str] = {
+    **dict.fromkeys((Cause.BLACK, Cause.HOT, Cause.ROWS, Cause.COLUMNS), _DARK),
+    **dict.fromkeys((Cause.RESPONSE, Cause.DEAD, Cause.DUST, Cause.SHADING), _FLAT),
+    **dict.fromkeys((Cause.GAMMA, Cause.SOFT_CLIP), _DIMMER),
+    Cause.GLARE: "a stack of the light without the plate",
 }
-"""Frames in which every fault shows."""
+"""The frame that shows a fault alone, or in a pattern that no other has: level, lines and points of a dark frame."""
 
 
 @dataclass(frozen=True)
@@ -134,11 +122,8 @@ class Suspect:
 
 
 def deciding_frame(suspects: Sequence[Suspect]) -> str | None:
-    """The frame that shows one of the two likeliest faults and not the other; None if there is none."""
-    if len(suspects) < 2:
-        return None
-    one, other = (_SHOWS.get(each.cause, ()) for each in suspects[:2])
-    return next((frame for frame in (*one, *other) if (frame in one) != (frame in other)), None)
+    """The frame that tells the likeliest fault from the next; None if there is none."""
+    return _SHOWN_IN.get(suspects[0].cause) if len(suspects) > 1 else None
 
 
 _Every = Sequence[Floats]

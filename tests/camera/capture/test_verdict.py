@@ -192,7 +192,8 @@ def test_faults_are_named_on_any_sensor_and_no_width_is_told_wrong(bench, kind, 
 def test_the_frame_that_tells_two_likely_faults_apart_is_asked_for():
     black, rows, glare = (Suspect(cause, 1.0, 0.1, 90.0) for cause in (Cause.BLACK, Cause.ROWS, Cause.GLARE))
     assert "dark frame" in deciding_frame([black, glare])
-    assert "once more" in deciding_frame([black, rows])
+    assert "dark frame" in deciding_frame([rows, black])
+    assert "without the plate" in deciding_frame([glare, black])
     assert deciding_frame([black]) is None
 
 
