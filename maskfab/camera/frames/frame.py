@@ -186,9 +186,14 @@ OF_BYTES, LEVELS_OF_BYTES = 257, 16
 
 
 def white_of_16_bits(values: NDArray[Any]) -> float:
-    """The largest number of 16 bits that a converter of fewer bits writes, whose levels were shifted upwards."""
+    """The largest number of 16 bits that a converter of fewer bits writes, whose levels were shifted upwards.
+
+    Few levels may have a step in common by chance.
+    """
     used = int(np.bitwise_or.reduce(values, axis=None)) if values.size else 1
     step = used & -used or 1
+    if step > 1 and len(np.unique(values)) <= LEVELS_OF_BYTES:
+        step = 1
     return float(np.iinfo(np.uint16).max // step * step)
 
 

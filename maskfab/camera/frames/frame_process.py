@@ -95,7 +95,11 @@ def picture_frame(path: Path) -> Frame:
         if shown.turned and not math.isfinite(frame.white):
             what = f"{path.name} says that 0 is white of floating-point values, of which none is said to be black"
             raise SourceError("MF318", what, where=str(path), cure=TURN)
-        return replace(frame, counts=shown.positive(frame.counts, frame.white))
+        if not shown.turned:
+            return frame
+        # Of levels that were shifted the last bits count from white.
+        most = float(np.iinfo(np.uint16).max)
+        return replace(frame, counts=shown.positive(frame.counts, most), white=most)
 
 
 def _of_sensor(path: Path, raw: Any) -> tuple[Singles, Pattern | None, tuple[int, ...]]:

@@ -32,7 +32,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-import scipy.signal
 import scipy.special
 
 from maskfab.base.arrays import Floats, Singles
@@ -190,7 +189,7 @@ def _tapered(psf: Floats) -> Floats:
         [4 SIDE, 2 SIDE + 1].
     """
     whole = 4 * SIDE
-    hann = scipy.signal.windows.hann(SIDE, sym=False)
+    hann = np.sin(np.pi * np.arange(SIDE) / SIDE) ** 2
     window = np.correlate(hann, hann, "full")
     lags = np.zeros(whole)
     lags[np.arange(1 - SIDE, SIDE)] = window / window.max()
