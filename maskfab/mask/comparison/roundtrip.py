@@ -90,7 +90,9 @@ def _width(polygon: db.Polygon, low: float, high: float) -> float:
     for _ in range(_STEPS):
         middle = (low + high) / 2
         low, high = (low, middle) if _vanishes(polygon, middle) else (middle, high)
-    return high + 2 * _SLACK / _finer(polygon)
+    # It vanishes by whole steps, of which the last may reach beyond.
+    finer = _finer(polygon)
+    return 2 * (math.ceil(high * finer / 2) + _SLACK) / finer
 
 
 def cleared(read: db.Layout, plate: Plate) -> db.Layout:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import gdstk
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from klayout import db
 
@@ -51,6 +51,7 @@ def test_a_wide_part_makes_a_fault_of_what_hangs_on_it():
     corners=st.tuples(*(st.tuples(st.integers(-2000, 2000), st.integers(-2000, 2000)) for _ in range(3))),
     tolerance=st.floats(0.3, 40),
 )
+@example(corners=((124, -1919), (133, 1019), (151, -362)), tolerance=36.9453125)
 def test_a_triangle_is_as_wide_as_the_circle_in_it(corners, tolerance):
     (ax, ay), (bx, by), (cx, cy) = corners
     twice = abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
