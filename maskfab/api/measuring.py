@@ -194,7 +194,8 @@ def measure(
             raise _without("window", "photographs are looked at in squares", "Leave it out")
         facts = Stated(black, white, mosaic, gain, read_noise, loaded.spec.sensor)
         dies = {name: panels[name] for name in wanted}
-        return measured_photos(loaded, dies, sources(captures, "photo"), facts, promise, line_nm, progress)
+        files, idle = sources(captures, "photo"), unused_notes(loaded, "measure", line_nm)
+        return measured_photos(loaded, dies, files, facts, promise, line_nm, idle, progress)
     # Waves are those of the line that is stated.
     seen_by = loaded.camera if line_nm is None else replace(loaded.camera, wavelengths_nm=(line_nm,))
     sensor = loaded.spec.sensor or Sensor()

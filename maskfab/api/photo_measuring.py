@@ -41,9 +41,8 @@ from maskfab.camera.scores import NORMAL_95
 from maskfab.mask.job import Job
 from maskfab.report.documents.die import DOCUMENT
 from maskfab.report.documents.shape import document_text
-from maskfab.report.figures.photo_bench import structure_drawing
 from maskfab.report.figures.sheet import Drawing
-from maskfab.report.pages.measured import FITTED, PAGE
+from maskfab.report.pages.measured import FITTED, PAGE, structure_drawing
 from maskfab.report.pages.template import page_template, style, write_folder
 from maskfab.report.text import Quantities, quantity_document
 
@@ -155,9 +154,13 @@ def measured_photos(
     stated: Stated,
     promise: Promise,
     line_nm: float | None,
+    unused: Sequence[str],
     progress: Progress,
 ) -> PhotoMeasurement:
     """Fit one die and its camera to photographs.
+
+    Args:
+        unused: sentences on what of the job has no use.
 
     Raises:
         JobError: MF105 for several dies, or light of other colours than red, green and blue; as
@@ -186,13 +189,11 @@ def measured_photos(
     )
     if len(photos) == 1:
         notes.append("Of one photograph errors are those of smooth scenes: further ones tell how far its own is not.")
-    return PhotoMeasurement(die, found, _judged(die, panel, found, promise), job.digest, tuple(notes))
+    return PhotoMeasurement(die, found, _judged(die, panel, found, promise), job.digest, (*notes, *unused))
 
 
 def _judged(die: str, panel: Panel, found: PhotoBench | None, promise: Promise) -> Verdict:
-    more = (
-        "Give more photographs, of scenes with detail all over, in more light; or a point light's (without --photos)."
-    )
+    more = "Give more photographs, of detail all over, in more light; or exposures of a point light, without --photos."
     if found is None:
         what = f"of at least {SIDE} pixels a side no square shows enough above its noise."
         return Verdict(Answer.CANNOT_TELL, what, "nothing seen", 0.0, more)

@@ -248,7 +248,9 @@ def _of_frame(frame: Frame, stated: Stated, path: Path, *, cells: bool) -> Photo
             "taken for counts that grow as the light does, for its file says nothing else: " + _TO_BE_CODED
         )
     told = (*sentences, *how, *cut)
-    exif = {} if path.suffix.lower() == ".exr" else exif_of(path)
+    # By the process that read it: RAW files come from anywhere.
+    stated_by_file = {"Model": frame.camera, "ExposureTime": frame.exposure_s}
+    exif = {name: value for name, value in stated_by_file.items() if value}
     return Photo(path.stem, frame.sha256, record, balance, matrix, told, known, frame.orientation, exif)
 
 

@@ -30,7 +30,7 @@ from maskfab.camera.frames.merge import alone
 from maskfab.camera.frames.stack import SIGMA_OF_MAD
 from maskfab.camera.inspection.bench import FULL
 from maskfab.camera.inspection.bench_search import gain_of_others, with_bench_and_terms
-from maskfab.camera.inspection.diagnosis import NAMED, Cause, Suspect, suspects_of
+from maskfab.camera.inspection.diagnosis import CORE, NAMED, NEARLY_DARK, Cause, Suspect, suspects_of
 from maskfab.camera.inspection.die_image import DieImage, Lamp, Pixels, Setting
 from maskfab.camera.inspection.fit import (
     FIRST_TERMS,
@@ -60,10 +60,6 @@ _BEYOND_PX = 8
 _DARK = 6.0
 """Standard deviations by which dust is darker than the fit, of those that residuals have."""
 _MOST_DUST = 0.08
-_CORE = 0.1
-"""Share of the peak, from which nothing is taken for dust."""
-_NEARLY_DARK = 0.6
-"""Share of the light that is missing, from which a pixel is dead."""
 _MOST_OF_IT = 0.5
 """Share of what is left over that lies at some pixels where their fault is the cause."""
 
@@ -304,13 +300,13 @@ def _lone(taken: Sequence[Taken], fit: Fit) -> LeftOut:
     hot, dead = [], []
     for capture, predicted in zip(taken, fit.predicted, strict=True):
         above = np.where(capture.valid, capture.light - predicted, 0.0)
-        beyond = alone(above, capture.sigma, capture.valid) & (predicted < _CORE * predicted.max())
+        beyond = alone(above, capture.sigma, capture.valid) & (predicted < CORE * predicted.max())
         hot.append(beyond & (above > 0))
-        dead.append(beyond & (above < -_NEARLY_DARK * predicted))
+        dead.append(beyond & (above < -NEARLY_DARK * predicted))
     return replace(LeftOut.none(taken), hot=tuple(hot), dead=tuple(dead))
 
 
-def _dark(taken: Sequence[Taken], fit: Fit, core: float = _CORE) -> tuple[Mask, ...]:
+def _dark(taken: Sequence[Taken], fit: Fit, core: float = CORE) -> tuple[Mask, ...]:
     """Pixels that are darker than the fit beyond any noise, with their neighbours; none if they are too many."""
     masks = []
     for capture, predicted in zip(taken, fit.predicted, strict=True):

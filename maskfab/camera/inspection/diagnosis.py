@@ -204,11 +204,14 @@ class _Readings:
         return Suspect(cause, float(tried[best]), error, gain, self.share(gain))
 
 
-_CORE = 0.1
+CORE = 0.1
+"""Share of the peak, from which nothing is taken for dust, or for a pixel of its own."""
+NEARLY_DARK = 0.6
+"""Share of the light that is missing, from which a pixel is dead."""
 _SKIRT_PX, _SKIRT_ENDS = 2.0, 100.0
 """Pixels within which a skirt is level, and how many times as far it reaches."""
 _KNEES, _FEWEST_CLIPPED = (0.4, 0.55, 0.7, 0.85), 4
-_ALONE_PIXELS, _NEARLY_DARK = 2, 0.4
+_ALONE_PIXELS = 2
 
 
 def suspects_of(image: DieImage, taken: Sequence[Taken], fit: Fit, electrons_per_count: float) -> list[Suspect]:
@@ -325,7 +328,7 @@ def _few(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Susp
         (bright, above), (dark, below) = (
             tuple(values[part].reshape(capture.light.shape) for values in each) for each in (rate, shaded)
         )
-        beside = predicted < _CORE * predicted.max()
+        beside = predicted < CORE * predicted.max()
         for mask, up in ((bright > limit, True), (dark < -limit, False)):
             labels, count = ndimage.label(mask & beside)
             sizes = np.bincount(labels.ravel())
@@ -333,7 +336,7 @@ def _few(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Susp
                 spot = labels == number
                 growth = float(np.sum((bright if up else dark)[spot] ** 2 - limit**2))
                 cause = Cause.HOT if up else Cause.DUST
-                if not up and sizes[number] <= _ALONE_PIXELS and float(below[spot].mean()) < _NEARLY_DARK - 1:
+                if not up and sizes[number] <= _ALONE_PIXELS and float(below[spot].mean()) < -NEARLY_DARK:
                     cause = Cause.DEAD
                 if up and sizes[number] > _ALONE_PIXELS:
                     continue

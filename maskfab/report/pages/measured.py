@@ -31,6 +31,8 @@ from maskfab.camera.inspection.edge_mtf import DesignedMtf, MeasuredEdge, Measur
 from maskfab.camera.inspection.fit import MtfBand
 from maskfab.camera.inspection.identity import CERTAIN
 from maskfab.camera.inspection.measurement import Measured, write_fitted_psf
+from maskfab.camera.inspection.photo_bench import SIDE as SQUARE_PX
+from maskfab.camera.inspection.photo_bench import PhotoBench
 from maskfab.camera.inspection.slanted_edge import EdgeMtf
 from maskfab.report.documents.die import DOCUMENT
 from maskfab.report.documents.shape import Document, Record, document_text
@@ -108,6 +110,29 @@ def _draw_found(axes: Axes, measured: Measured, k: int) -> None:
         axes.annotate("lamp", lamp, (0, 10), textcoords="offset points", ha="center", color=_FOUND, fontsize=7)
     if measured.holds and left_out.any():
         axes.contour(pixels.x_um, pixels.y_um, left_out.astype(float), levels=[0.5], colors=[_FOUND], linewidths=1.0)
+
+
+_STRUCTURED = 3
+"""Decades of a photograph's structure that are shown."""
+
+
+@styled
+def structure_drawing(found: PhotoBench) -> Drawing:
+    """Power of green light over that of smooth scenes, and |H|², in decades of its most, over cycles per pixel."""
+    figure = Figure(figsize=(_LEFT + 2 * (_SIDE + _GAP), 2 * _TOP + _SIDE + _FOOT), dpi=120)
+    seen, fitted = found.structure()
+    # Both by one measure: single powers scatter as much as they are.
+    most, ends = float(np.nanmax(fitted)), (0.0, 0.5, -0.5, 0.5)
+    for column, (values, name) in enumerate(((seen, "seen"), (fitted, "fitted"))):
+        axes = _axes(figure, column, _TOP + _FOOT)
+        axes.imshow(_logarithm(values, most), cmap="magma", vmin=-_STRUCTURED, vmax=0, extent=ends, aspect="auto")
+        axes.set_title(name, loc="left")
+        axes.set_xlabel("cycles per pixel")
+        if column:
+            axes.tick_params(labelleft=False)
+    return Drawing(
+        figure, f"power of {found.squares} squares of {SQUARE_PX} pixels over their scenes', and |H|² fitted"
+    )
 
 
 @styled

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from capture_simulator import Dots, Optics, picture
 from optics_cases import camera, noise, panel
+from PIL import Image
 from scipy import ndimage, signal
 from small_job import command, write_job
 
@@ -66,3 +67,16 @@ def test_what_photographs_have_no_use_for_is_refused(capsys, tmp_path):
     for more in (("--times", "1 ms"), ("--window", "80"), ("--dark", photo)):
         answer = command(capsys, "measure", photo, "--photos", "--job", job, *more, "--json")
         assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
+
+
+def test_what_of_the_job_has_no_use_is_named_and_nothing_seen_is_said(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("maskfab.api.photo_measuring.photo_bench", lambda *_: None)
+    codes = np.random.default_rng(0).integers(20, 200, (256, 256, 3)).astype(np.uint8)
+    Image.fromarray(codes).save(tmp_path / "photo.png")
+    more = ("--photos", "--job", write_job(tmp_path), "--line", "530 nm", "--out", tmp_path / "out")
+    answer = command(capsys, "measure", tmp_path / "photo.png", *more, "--json")
+    assert (answer.code, answer.document["verdict"]["answer"]) == (1, "CANNOT TELL")
+    assert any(note.startswith("Not used of the job") for note in answer.document["notes"])
+    page = (tmp_path / "out" / "measure.html").read_text(encoding="utf-8")
+    assert "no square shows enough" in page
+    assert not (tmp_path / "out" / "fitted_psf.exr").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 from dng_files import write_dng
 from PIL import Image
@@ -288,3 +289,18 @@ def test_a_photograph_is_written_as_it_is_seen_with_what_its_file_told(tmp_path,
     assert np.array_equal(np.asarray(lying), np.rot90(np.asarray(plain), turns))
     assert (lying.getexif().get(0x010F), lying.getexif().get(0x0112, 1)) == ("Maker", 1)
     assert any("turned as its tag says" in each for each in made.photos[0].told)
+
+
+def test_counts_that_lie_are_turned_and_keep_their_camera_and_time(tmp_path):
+    light = np.random.default_rng(3).random((128, 192, 3))
+    spec = oiio.ImageSpec(192, 128, 3, "uint16")
+    for name, value in (("Orientation", 6), ("Model", "Model"), ("ExposureTime", 0.25)):
+        spec.attribute(name, value)
+    file = oiio.ImageOutput.create(str(tmp_path / "lying.tif"))
+    file.open(str(tmp_path / "lying.tif"), spec)
+    file.write_image(np.rint(60000 * light).astype(np.uint16))
+    file.close()
+    photo = read_photo(tmp_path / "lying.tif", Stated())
+    assert (photo.orientation, photo.record.values.shape) == (6, (3, 128, 192))
+    assert dict(photo.exif) == {"Model": "Model", "ExposureTime": 0.25}
+    assert any("counts that grow as the light does" in each for each in photo.told)
