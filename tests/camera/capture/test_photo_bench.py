@@ -73,7 +73,7 @@ def test_what_of_the_job_has_no_use_is_named_and_nothing_seen_is_said(capsys, tm
     monkeypatch.setattr("maskfab.api.photo_measuring.photo_bench", lambda *_: None)
     codes = np.random.default_rng(0).integers(20, 200, (256, 256, 3)).astype(np.uint8)
     Image.fromarray(codes).save(tmp_path / "photo.png")
-    more = ("--photos", "--job", write_job(tmp_path), "--line", "530 nm", "--out", tmp_path / "out")
+    more = ("--photos", "--job", write_job(tmp_path), "--die", "PLAIN", "--line", "530 nm", "--out", tmp_path / "out")
     answer = command(capsys, "measure", tmp_path / "photo.png", *more, "--json")
     assert (answer.code, answer.document["verdict"]["answer"]) == (1, "CANNOT TELL")
     assert any(note.startswith("Not used of the job") for note in answer.document["notes"])
