@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Of a package, the modules that are used are compiled when they first are: all of them take longer than to unpack them.
+INSTALL := $(BIN)/python -m pip install --no-compile --quiet --constraint constraints.txt --editable
 
 .PHONY: plate wheel environments test test-all golden golden-quick golden-record lint bench fuzz docs gallery clean
 
@@ -82,13 +84,13 @@ $(VENV)/pip.stamp:
 	touch $@
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all]'
+	$(INSTALL) '.[all]'
 	touch $@
 
 $(VENV)/docs.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
+	$(INSTALL) '.[docs]'
 	touch $@
 
 $(VENV)/dev.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(INSTALL) '.[dev]'
 	touch $@ $(VENV)/run.stamp

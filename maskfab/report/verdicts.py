@@ -18,6 +18,7 @@ from maskfab.display.drive import BY_AREA
 from maskfab.display.emitter_rules import Verdict
 from maskfab.display.eye_and_life import Limited, kept
 from maskfab.display.feasibility import Feasibility
+from maskfab.mask.judge.awake import PLANTED
 
 FITS, LOOKS, LIVES = "FITS", "LOOKS", "LIVES"
 """Verdicts on displays, by name."""
@@ -121,8 +122,6 @@ class Limits:
         return f"{self.kept} of {self.dies} {keep} them{which}; {whose}{self.aside}"
 
 
-PLANTED = "judged_planted"
-"""Check of the judge of the files."""
 _OF_A_HOUSE = ("shop_", "manifest_shop")
 """Checks by the rules of a mask house, or of a package against its profile."""
 NO_LIMITS = Limits(0, 0, stated=False)

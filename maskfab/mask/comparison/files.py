@@ -32,7 +32,7 @@ from maskfab.mask.formats.content import find_cell
 from maskfab.mask.formats.format import Product
 from maskfab.mask.formats.table import layout_format, read_layout
 from maskfab.mask.houses.files import PlateFiles
-from maskfab.mask.judge.awake import missing, planted
+from maskfab.mask.judge.awake import PLANTED, missing, planted
 from maskfab.mask.judge.headers import header_row
 from maskfab.mask.judge.verdict import judged
 from maskfab.mask.layout import count_vertices, layer_info
@@ -90,18 +90,20 @@ def read_back(
         refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
             layouts are read and compared within the limits of :mod:`maskfab.mask.sandbox`.
     """
-    trips, quantities = dict[int, RoundTrip](), dict[int, tuple[Quantity, ...]]()
+    trips, quantities, read = dict[int, RoundTrip](), dict[int, tuple[Quantity, ...]](), dict[str, db.Layout]()
     errors: dict[int, tuple[str, InputError]] = {}
-    read: dict[str, db.Layout] = {}
     waiting = deque(enumerate(made.products))
     first = next((number for number, product in waiting if product.polygons), None)
 
     costs = costs or Costs()
 
+    def model() -> RoundTrip | None:
+        return next(iter(trips.values()), None)
+
     def take(number: int, *, dots: bool) -> _Taken:
         product = made.products[number]
         if refused is not None and product.polygons:
-            with _within_limits(made, product, folder, costs, dots=dots) as answer:
+            with _within_limits(made, product, folder, costs, dots=dots, judge=not _sound(model())) as answer:
                 return answer()
         with costs.reading(product.form.name):
             return _take(made, product, folder)
@@ -130,15 +132,18 @@ def read_back(
             progress("read back", len(quantities) + len(errors), len(made.products))
             try:
                 result = taken.result() if taken else take(number, dots=not trips)
-                if isinstance(result, RoundTrip) and not trips and result.dies[0].wrong_dots is None:
-                    result = take(number, dots=True)  # what should have been the first was refused
+                if isinstance(result, RoundTrip) and _owes(result, model()):
+                    result = take(number, dots=not trips)  # what should have been the first is no model
                 if isinstance(result, db.Layout):
                     read = read or {product.name: result}
                     with costs.reading(product.form.name):
-                        result = compare_mask(made, result, folder / product.name, dots=not trips)
+                        result = compare_mask(
+                            made, result, folder / product.name, dots=not trips, judge=not _sound(model())
+                        )
                 if isinstance(result, RoundTrip):
-                    trip, quantities[number] = result, result.quantities()
-                    trips[number] = trip if not trips else replace(trip, layout=db.Layout())
+                    result = _judged_as(model(), result)
+                    quantities[number] = result.quantities()
+                    trips[number] = result if not trips else replace(result, layout=db.Layout())
                 else:
                     quantities[number] = result
             except InputError as error:
@@ -189,7 +194,9 @@ def _ahead(
     with ExitStack() as stack:
         # Copied before there are threads that read: what those hold would be held in the copy for ever.
         copies = {
-            number: stack.enter_context(_within_limits(made, made.products[number], folder, costs, dots=False))
+            number: stack.enter_context(
+                _within_limits(made, made.products[number], folder, costs, dots=False, judge=False)
+            )
             for number in aside[: os.cpu_count()]
         }
         pool = stack.enter_context(ThreadPoolExecutor(workers + len(copies)))
@@ -234,10 +241,11 @@ def read_mask(path: Path) -> db.Layout:
     return read
 
 
-def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
+def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True, judge: bool = True) -> RoundTrip:
     """A mask file that was read, against the design and against what its job asks for.
 
-    If ``dots``, each dot is held against its opening, and the judge has to find faults in copies of the file.
+    If ``dots``, each dot is held against its opening, and the judge has to find faults in copies of the file. Unless
+    ``judge``, a file alike to the design is judged by its header alone: another with its polygons is judged in whole.
 
     Raises:
         SourceError: MF323 if the polygon library fails on the file.
@@ -258,15 +266,40 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
             return trip
         if not _shows_display(made, path.name):
             asked = replace(asked, displays=())
-        rows = (*judged(read, path.name, asked), header_row(path, asked.header))
+        rows: tuple[Quantity, ...] = (header_row(path, asked.header),)
+        if judge or not trip.alike:
+            rows = (*judged(read, path.name, asked), *rows)
         if dots and all(row.passed for row in rows):
             rows += (planted(read, path.name, asked),)
         return replace(trip, judged=rows)
 
 
+def _sound(model: RoundTrip | None) -> bool:
+    """Whether a file has the design's polygons in the design's cells and was judged, and nothing was found."""
+    return model is not None and model.alike and all(row.passed for row in model.judged)
+
+
+def _owes(trip: RoundTrip, model: RoundTrip | None) -> bool:
+    """Whether a comparison lacks dots or rows that no file before it has."""
+    return (model is None and trip.dies[0].wrong_dots is None) or (len(trip.judged) == 1 and not _sound(model))
+
+
+def _judged_as(model: RoundTrip | None, trip: RoundTrip) -> RoundTrip:
+    """A comparison with all rows: those of a model are those of a file with its polygons in its cells."""
+    if model is None or len(trip.judged) != 1:
+        return trip
+    name, (header,) = trip.path.name, trip.judged
+    rows = (
+        replace(row, method=f"{name}: as {row.method}, whose polygons this file has in the same cells")
+        for row in model.judged
+        if row.name not in (header.name, PLANTED)
+    )
+    return replace(trip, judged=(*rows, header))
+
+
 @contextmanager
 def _within_limits(
-    made: PlateFiles, product: Product, folder: Path, costs: Costs, *, dots: bool
+    made: PlateFiles, product: Product, folder: Path, costs: Costs, *, dots: bool, judge: bool
 ) -> Iterator[Callable[[], RoundTrip]]:
     """A layout that anybody may have written, read and compared in a copy of this process; yields who waits for that.
 
@@ -282,7 +315,7 @@ def _within_limits(
         with measured() as effort:
             read = _take(made, product, folder)
             assert isinstance(read, db.Layout)
-            trip = compare_mask(made, read, path, dots=dots)
+            trip = compare_mask(made, read, path, dots=dots, judge=judge)
         if dots and trip.differences:
             _refuse_many_vertices(made, read, path)
             trip.layout.write(str(differing), _clear_alone(trip.layout))

@@ -184,6 +184,7 @@ class RoundTrip:
         slivers: of that, what is no wider than the tolerance and so no difference.
         data: rows of biased data before they are sized back; all else is of them sized back.
         judged: rows of the second derivation, of :mod:`maskfab.mask.judge`.
+        alike: whether every layer has the design's polygons in the design's cells: two such files draw the same.
     """
 
     path: Path
@@ -198,6 +199,7 @@ class RoundTrip:
     slivers: Sifted
     data: tuple[Quantity, ...] = ()
     judged: tuple[Quantity, ...] = ()
+    alike: bool = False
 
     @property
     def xor_area_um2(self) -> float:
@@ -268,14 +270,16 @@ def compare_layout(
     """
     _settle(read, layer_names)
     polygons = _written(read, _counts(read))
-    if read.find_layer(layer_info(CHROME)) is not None:
+    chrome = read.find_layer(layer_info(CHROME)) is not None
+    if chrome:
         read = cleared(read, plate)
     compared = [layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names)]
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
     alike = [die for die, check in zip(plate.dies, by_dots, strict=True) if check and check[0] and dots_prove]
     further = tuple(_further_layers(read))
     differing: dict[Layer, db.Region] = {}
-    if further or not _alike(design, read, compared):
+    same = not further and _alike(design, read, compared)
+    if not same:
         in_design, in_read = _counts(design), _counts(read)
         differing = {
             layer: db.Region()
@@ -302,6 +306,7 @@ def compare_layout(
         ),
         differing=clear,
         slivers=sifted,
+        alike=same and not chrome and len(compared) == len(LAYERS) - 1,
     )
 
 
@@ -522,6 +527,7 @@ def compare_biased(
         rounding_nm=raw.rounding_nm,
         differences=back.differences or raw.differences,
         data=tuple(_rows(plate, raw, data, bias_nm, dots=dots)),
+        alike=False,
     )
 
 

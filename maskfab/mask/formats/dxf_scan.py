@@ -11,8 +11,8 @@ import re
 from array import array
 from collections.abc import Iterator
 
-# Most of a plate are vertices, which belong to their polyline.
-_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\n)((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
+# Most of a plate are vertices, which belong to their polyline. With one sign first, thrice as fast as with a choice.
+_ENTITY = re.compile(rb"\n[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\n)((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
 _SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
 _DRAWN = {b"BLOCKS", b"ENTITIES"}
 _TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
@@ -98,6 +98,7 @@ def _numbers(texts: list[bytes]) -> list[float]:
 
 def entities(data: bytes) -> Iterator[Entity]:
     """Every entity of the sections BLOCKS and ENTITIES, BLOCK and ENDBLK among them, and every LAYER of the tables."""
+    data = b"\n" + data
     section = b""
     block: str | None = None
     previous: tuple[str, int] | None = None

@@ -20,6 +20,8 @@ from maskfab.mask.judge.verdict import LAYERS, Asked, judged, line_box
 
 _CLEAR, _CUT, _CHROME = LAYERS
 _OF_PLATE = ("judged_marks", "judged_text")
+PLANTED = "judged_planted"
+"""The row on how the judge stood its trial."""
 
 
 def missing(
@@ -86,7 +88,7 @@ def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
         missed.append(names[-1])
     said = f"; not caught: {', '.join(missed)}" if missed else ""
     method = f"planted in copies of {name} in memory: {', '.join(names)}{said}"
-    return Quantity("judged_planted", len(names) - len(missed), method, limit=len(names), passed=not missed)
+    return Quantity(PLANTED, len(names) - len(missed), method, limit=len(names), passed=not missed)
 
 
 def _reduced(read: db.Layout, plate: Asked, least: int, shown: Iterable[str]) -> db.Layout:

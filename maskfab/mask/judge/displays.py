@@ -24,7 +24,6 @@ from maskfab.mask.judge.dies import (
     AskedDie,
     Boundary,
     Figures,
-    figures,
     groups,
     nearest_die,
     packed,
@@ -172,16 +171,21 @@ def _turned(points: Ints, turn: int, pitch: int) -> Ints:
 
 
 def display_rows(
-    read: db.Layout, name: str, dies: Sequence[AskedDie], displays: Sequence[Display]
+    read: db.Layout,
+    name: str,
+    dies: Sequence[AskedDie],
+    displays: Sequence[Display],
+    shown: Iterable[tuple[db.LayerInfo, Figures]],
 ) -> Iterator[Quantity]:
     """A row on the display of every die; what a file draws belongs to the die that it is nearest to.
 
     Args:
         read: the file, as :func:`maskfab.mask.judge.verdict.judged` takes it.
+        shown: its figures on the layers of displays.
     """
     drawn: list[dict[str, _Placed]] = [defaultdict(list) for _ in dies]
     names = {(layer.layer, layer.datatype): called for called, layer in LAYERS.items()}
-    for layer, figure in figures(read, *LAYERS.values()):
+    for layer, figure in shown:
         for number, shape, places in _by_die(figure, dies):
             drawn[number][names[layer.layer, layer.datatype]].append((shape, places))
     for die, display, own in zip(dies, displays, drawn, strict=True):

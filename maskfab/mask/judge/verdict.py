@@ -7,7 +7,7 @@ everything that it draws. Both are whole numbers, and what is left where they do
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -25,7 +25,8 @@ from maskfab.job.sections import JobSpec
 from maskfab.job.shop import Shop
 from maskfab.mask.judge import dies as of_dies
 from maskfab.mask.judge import marks as of_marks
-from maskfab.mask.judge.dies import AskedDie, Boundary, asked_dies, by_die, figures, packed, total
+from maskfab.mask.judge.dies import AskedDie, Boundary, Figures, asked_dies, by_die, figures, packed, total
+from maskfab.mask.judge.displays import LAYERS as OF_DISPLAY
 from maskfab.mask.judge.displays import Answer, Display, display_rows
 from maskfab.mask.judge.headers import Stated
 from maskfab.mask.judge.marks import (
@@ -198,7 +199,9 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
     Args:
         read: the file, read by a library that did not write it, layers under the plate's numbers; one top cell.
     """
-    left = _left_over(read, plate)
+    of_plate = (_CHROME if plate.dark else _CLEAR, _CUT)
+    drawn = list(figures(read, *of_plate, *(OF_DISPLAY.values() if plate.displays else ())))
+    left = _left_over([(layer, figure) for layer, figure in drawn if layer in of_plate], plate)
     owners = [die.box for die in plate.dies]
     of_lines = [line_box(line, plate) for line in plate.lines]
     of_codes = [_code_box(code, plate) for code in plate.codes]
@@ -220,11 +223,12 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
         said for code, part in zip(plate.codes, codes, strict=True) if (said := _miscoded(code, part, plate))
     ]
     wrong_marks = list(_wrong_marks(left.kept(taken < 0), plate))
+    shown = [(layer, figure) for layer, figure in drawn if layer not in of_plate]
     marks_method = f"{len(plate.marks)} marks at the places and in the sense that job and template ask for"
     text_method = f"{len(plate.lines) + len(plate.codes)} lines and codes read back as text, each at its place"
     return (
         *rows,
-        *(display_rows(read, name, plate.dies, plate.displays) if plate.displays else ()),
+        *(display_rows(read, name, plate.dies, plate.displays, shown) if plate.displays else ()),
         _plate_row("judged_marks", f"{name}: {marks_method}", wrong_marks),
         _plate_row("judged_text", f"{name}: {text_method}", wrong_text),
     )
@@ -236,10 +240,10 @@ def _plate_row(quantity: str, method: str, wrong: Sequence[str]) -> Quantity:
     return Quantity(quantity, len(wrong), method, limit=0, passed=not wrong)
 
 
-def _left_over(read: db.Layout, plate: Asked) -> Boundary:
+def _left_over(made_clear: Iterable[tuple[db.LayerInfo, Figures]], plate: Asked) -> Boundary:
     """Difference of what the file makes clear and what the job asks for, its text apart."""
     drawn: list[list[Boundary]] = [[] for _ in range(len(plate.dies) + 1)]
-    for layer, figure in figures(read, _CHROME if plate.dark else _CLEAR, _CUT):
+    for layer, figure in made_clear:
         for number, part in by_die(figure, plate.dies):
             drawn[number].append(part.times(-1 if layer == _CUT else 1))
     *of_dies_drawn, rest = drawn

@@ -12,6 +12,7 @@ from maskfab.base.resources import explained
 from maskfab.base.units import UM_PER_MM
 from maskfab.camera.scores import CONFIDENCE, MeanDifference
 from maskfab.findings.photographs import middle_level
+from maskfab.mask.judge.awake import PLANTED
 from maskfab.report.documents.shape import Record
 from maskfab.report.pages.breaches import breach_words, breaches, broken, judged_verdicts
 from maskfab.report.pages.tables import (
@@ -25,7 +26,7 @@ from maskfab.report.pages.tables import (
     spread_words,
 )
 from maskfab.report.text import short
-from maskfab.report.verdicts import FITS, LIVES, LOOKS, PLANTED
+from maskfab.report.verdicts import FITS, LIVES, LOOKS
 
 Mood = Literal["good", "bad", "some", "open"]
 

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import pytest
 from asked_jobs import JOBS, asked_job
+from klayout import db
 
 from maskfab.base.work import silent
+from maskfab.mask.comparison import files as comparison
 from maskfab.mask.comparison.files import read_back
 from maskfab.mask.judge import awake, headers, verdict
 from maskfab.mask.judge.awake import missing, planted
@@ -58,6 +60,29 @@ def test_rows_that_lack_are_named(made, monkeypatch, tmp_path):
     (row,) = (row for row in read_back(made, tmp_path, silent).quantities if row.name == "judged_rows")
     assert row.value == len(made.products) * (len(made.asked.dies) + 2)
     assert row.passed is False
+
+
+@pytest.mark.parametrize("changed", [None, 0, 1])
+def test_a_file_of_the_same_polygons_in_the_same_cells_has_the_rows_of_the_first(made, monkeypatch, tmp_path, changed):
+    """All else is judged by itself: one that differs, and those beside a first that does."""
+    few, asked = replace(made, products=made.products[:2]), []
+    for number, product in enumerate(few.products):
+        product.write(tmp_path / product.name)
+        if number == changed:
+            layout = db.Layout()
+            layout.read(str(tmp_path / product.name))
+            cell = next(cell for cell in layout.each_cell() if not cell.is_top())
+            cell.shapes(layout.layer(1, 0)).insert(db.Box(0, 0, 5, 5))
+            layout.write(str(tmp_path / product.name))
+    judge = comparison.judged
+    monkeypatch.setattr(comparison, "judged", lambda read, name, plate: asked.append(name) or judge(read, name, plate))
+    rows = [row for row in read_back(few, tmp_path, silent).quantities if row.name.startswith("judged_")]
+    names = [product.name for product in few.products]
+    assert asked == (names[:1] if changed is None else names)
+    assert missing(rows, names, [die.name for die in made.asked.dies]) == ()
+    others = [row for row in rows if row.method.startswith(f"{names[1]}: as {names[0]}: ")]
+    assert len(others) == (len(made.asked.dies) + 2 if changed is None else 0)
+    assert all(row.passed for row in rows) == (changed is None)
 
 
 HEADERS = {
