@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from klayout import db
@@ -20,8 +21,6 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
-from maskfab.mask.composition import mirrored
-from maskfab.mask.job import Job
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities
@@ -46,6 +45,9 @@ from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.optics.side_lobes import first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
 
+if TYPE_CHECKING:
+    from maskfab.mask.job import Job
+
 
 def through_glass(job: Job) -> bool:
     """Whether the plate stands with its chrome away from the lens."""
@@ -59,7 +61,11 @@ def sees_mirrored(job: Job) -> bool:
 
 def plate_as_seen(job: Job, plate: Plate) -> Plate:
     """A plate as its files draw it, seen from the lens."""
-    return mirrored(plate) if through_glass(job) else plate
+    if not through_glass(job):
+        return plate
+    from maskfab.mask.composition import mirrored  # slow to load, and of plates alone
+
+    return mirrored(plate)
 
 
 def layout_as_seen(job: Job, layout: db.Layout) -> db.Layout:
