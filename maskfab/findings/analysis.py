@@ -29,8 +29,8 @@ from maskfab.findings.optics import (
     READBACK_ERROR,
     LitPupils,
     lit_pupils,
-    measure,
     measure_pupils,
+    measure_with_pupil,
     read_openings,
     stop_boundary,
 )
@@ -53,7 +53,7 @@ from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.outline_lags import OutlineLags, outline_lags
 from maskfab.optics.psf import Leak, pixel_margin
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut
-from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
+from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, stop_box, sweep_s
 from maskfab.optics.tiling import orientations
 
@@ -209,10 +209,9 @@ def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress 
         write_oasis(plate_layout(plate), file)
         read = region(read_oasis(file), CLEAR)
     progress("optics", 0, 1)
-    result = measure(die, camera, read, request.blank)
+    result, pupil = measure_with_pupil(die, camera, read, request.blank)
     progress("optics", 1, 1)
-    bar = bar_of_panel(panel, camera, request.blank, None)
-    standard = (*result.quantities, *bar)
+    standard = (*result.quantities, *bar_of_pupil(pupil, camera, request.blank, None))
     if scene is None:
         return Analysis(name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
@@ -328,12 +327,12 @@ def _analyse_mask(
         method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
         return Quantity("readback_psf_difference", error, method, uncertainty=READBACK_ERROR, wavelength_nm=wavelength)
 
-    measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     del lit, outline
     release_memory()
-    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    bar = bar_of_pupil(pupil, camera, request.blank, None)
     otherwise = _mtf_by_parity(path, request, progress) if told.parity_matters else ()
-    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar, *told.quantities, *otherwise)
+    return name, found.psfs, found.mtfs, (*header, *found.quantities, *bar, *told.quantities, *otherwise)
 
 
 def _mtf_by_parity(path: Path, request: Request, progress: Progress) -> Iterator[Quantity]:

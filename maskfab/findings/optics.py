@@ -41,7 +41,7 @@ from maskfab.optics.psf import (
     within,
 )
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
-from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.optics.side_lobes import first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
 
@@ -118,6 +118,17 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.mask.layout.clear_shapes`.
     """
+    return measure_with_pupil(die, camera, shapes, blank)[0]
+
+
+def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
+    """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
+    found, pupil = measure_with_pupil(die, camera, shapes, blank)
+    return replace(found, quantities=(*found.quantities, *bar_of_pupil(pupil, camera, blank, die.name)))
+
+
+def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank) -> tuple[DieOptics, Pupil]:
+    """What :func:`measure` tells, and the pupil of the design."""
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     if area <= 0:
@@ -137,16 +148,8 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
     ]
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
-    measured = measure_pupils(
-        pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name
-    )
-    return DieOptics(die, measured.psfs, measured.mtfs, (*quantities, *measured.quantities))
-
-
-def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
-    """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
-    measured = measure(die, camera, shapes, blank)
-    return replace(measured, quantities=(*measured.quantities, *bar_of_panel(die.panel, camera, blank, die.name)))
+    found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
+    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities)), design_pupil
 
 
 def _pupils(

@@ -105,9 +105,8 @@ def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> t
     return _by_size(_of_scene(_DieField.of(pupil, camera), slope, blank))
 
 
-def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
-    """The bar of a panel behind a camera, as rows of a report."""
-    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+def bar_of_pupil(pupil: Pupil, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
+    """The bar of a pupil behind a camera, as rows of a report."""
     return bar_quantities(model_bar(pupil, camera, blank), camera, die)
 
 
