@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Of a package, the modules that are used are compiled when they first are: all of them take longer than to unpack them.
 INSTALL := $(BIN)/python -m pip install --no-compile --quiet --constraint constraints.txt --editable
 
-.PHONY: plate wheel environments test test-all golden golden-quick golden-record lint bench fuzz docs gallery clean
+.PHONY: plate wheel environments test test-all golden golden-quick golden-record lint bench fuzz docs gallery layouts clean
 
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
@@ -66,6 +66,10 @@ docs: $(VENV)/docs.stamp
 # Pictures of the manual, each by the command under it; pages are photographed by Chromium.
 gallery: $(VENV)/dev.stamp
 	$(BIN)/python docs/gallery.py
+
+# Layouts of the displays that ship, searched for anew.
+layouts: $(VENV)/dev.stamp
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/keep_layouts.py
 
 # What is installed elsewhere: dist/maskfab-VERSION-py3-none-any.whl.
 wheel: $(VENV)/pip.stamp

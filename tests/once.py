@@ -39,7 +39,7 @@ FIGURES = (
     "maskfab.report.figures.die.overview",
     "maskfab.mask.package.papers.drawing_sheet",
 )
-OPTICS = ("maskfab.findings.optics.measure", "maskfab.findings.optics.bar_of_panel")
+OPTICS = ("maskfab.findings.optics.measure_with_pupil",)
 BOUNDS = ("maskfab.designs.search.result.bounds",)
 DESIGN = (
     "maskfab.mask.comparison.faults._of_plate",

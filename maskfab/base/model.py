@@ -168,10 +168,12 @@ class Emitters:
         labels: int8 [n, n] on square cells that divide the dots, over the pixel less its gutter; 0 is none, 1 to 3 are
             red, green and blue. Turned with the opening.
         cell_nm: side of a cell.
+        kept: whether the layout came with the program and was proved again; no search found it.
     """
 
     labels: Labels
     cell_nm: int
+    kept: bool = False
 
     def __post_init__(self) -> None:
         require.whole(self, "cell_nm", 1)

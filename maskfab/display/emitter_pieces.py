@@ -15,6 +15,7 @@ times the grain, for beside spots of colour S-CIELAB makes little of luminance.
 from __future__ import annotations
 
 import math
+import operator
 import random
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -27,10 +28,11 @@ from maskfab.base.model import Emitters, Opening, frozen, orient
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitted_light import Viewing
 from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules, Footprint, Proof, Verdict
-from maskfab.display.emitter_shapes import Ratio, labelled
+from maskfab.display.emitter_shapes import Ratio, labelled, proved_shapes
 from maskfab.display.evenness import Evenness, evenness_of, sight
 from maskfab.display.eye import DEFAULT_GRAIN
 from maskfab.display.free_area import Squares, border_margin, free_region
+from maskfab.display.kept_layouts import origin_of, shipped
 from maskfab.optics.colour import JUST_NOTICEABLE
 
 _MOVES = 80_000
@@ -74,8 +76,8 @@ def in_pieces(
     region = free_region(opening.mask, grid, orientations, margin=border_margin(grid))
     red, green, blue = (math.ceil(least * part - _ROUNDING) for part in ratio)
     worth = limits.delta_e / limits.grain
-    labels = _placed(region.tobytes(), grid, (red, green, blue), viewing, worth, seed, moves)
-    return None if labels is None else Emitters(labels, grid.cell_nm)
+    labels, kept = _placed(region.tobytes(), grid, (red, green, blue), viewing, worth, seed, moves)
+    return None if labels is None else Emitters(labels, grid.cell_nm, kept)
 
 
 @lru_cache(maxsize=16)
@@ -87,14 +89,24 @@ def _placed(
     worth: float,
     seed: int,
     moves: int,
-) -> Labels | None:
-    """Colours of the cells of a region; dies of one opening ask for the same."""
+) -> tuple[Labels | None, bool]:
+    """Colours of the cells of a region, and whether they came with the program; dies of one opening ask alike."""
     free = np.frombuffer(region, np.bool_).reshape(grid.cells, grid.cells)
     squares = Squares.of(free, grid.min_width, grid.colour_gap)
     if not squares.free or sum(targets) > squares.area(squares.free):
-        return None
-    found = _Annealing(squares, sight(grid, viewing, worth), targets, seed).run(moves)
-    return None if found is None else frozen(labelled(squares, found))
+        return None, False
+
+    def proved(labels: Labels) -> bool:
+        shapes = proved_shapes(squares, labels)
+        return shapes is not None and all(map(operator.ge, map(squares.area, shapes), targets))
+
+    def search() -> Labels | None:
+        found = _Annealing(squares, sight(grid, viewing, worth), targets, seed).run(moves)
+        return None if found is None else labelled(squares, found)
+
+    origin = origin_of("pieces", 1, free, grid, targets, viewing, worth, seed, moves)
+    labels, kept = shipped().layout(origin, proved, search)
+    return None if labels is None else frozen(labels), kept
 
 
 def look(emitters: Emitters, pitch_nm: int, orientations: Iterable[int], viewing: Viewing) -> Evenness:

@@ -373,6 +373,22 @@ def labelled(squares: Squares, shapes: Shapes) -> Labels:
     return labels
 
 
+def proved_shapes(squares: Squares, labels: Labels) -> Shapes | None:
+    """Squares of three colours of cells; None where these break a rule: they lie within the region, each cell within a
+    square of its colour, and squares of two colours come no nearer than the gap."""
+    if labels.dtype != np.int8 or labels.shape != (squares.cells, squares.cells):
+        return None
+    red, green, blue = shapes = [squares.among(labels == colour) for colour in (1, 2, 3)]
+    if any(shape & ~squares.free for shape in shapes) or not np.array_equal(
+        labels, labelled(squares, (red, green, blue))
+    ):
+        return None
+    near = (
+        squares.near(red) & (green | blue) or squares.near(green) & (red | blue) or squares.near(blue) & (red | green)
+    )
+    return None if near else (red, green, blue)
+
+
 class _Cuts:
     """The largest shapes on the sides of straight cuts, each window looked at once."""
 

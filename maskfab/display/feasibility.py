@@ -237,6 +237,13 @@ class Feasibility:
         return NOT_PLACED if self.circuits is None else BOXES_ALONE
 
     @property
+    def kept(self) -> tuple[str, ...]:
+        """Parts of it that came with the program and were proved again, so that no search was needed."""
+        laid = None if self.wiring is None or self.wiring.laid is None else self.wiring.laid[0]
+        parts = {"largest emitters": self.footprint.best, "emitters drawn": self.emitters, "wires": laid}
+        return tuple(name for name, part in parts.items() if part is not None and part.kept)
+
+    @property
     def stranded(self) -> tuple[Certificate, ...]:
         """Why emitters of this placement have no way to the pixel's side; others might have one."""
         if self.wiring is not None and self.wiring.transparent:

@@ -48,10 +48,24 @@ class PanelLines:
     Attributes:
         paths: the middles of the lines in order, corner by corner from border to border, nanometres from the panel's
             lower left corner; none if not all of them were found.
+        kept: whether they came with the program and were proved again; no search found them.
     """
 
     axis: Axis
     paths: tuple[tuple[Point, ...], ...]
+    kept: bool = False
+
+    @classmethod
+    def of_corners(cls, axis: Axis, corners: Ints, kept: bool = False) -> PanelLines:
+        """Lines of their :attr:`corners`."""
+        begins = np.flatnonzero(np.diff(corners[:, 0])) + 1
+        return cls(axis, tuple(tuple(map(tuple, path.tolist())) for path in np.split(corners[:, 1:], begins)), kept)
+
+    @property
+    def corners(self) -> Ints:
+        """Number of its line, x and y of every corner, int64 [n, 3]."""
+        numbers = np.repeat(np.arange(len(self.paths)), [len(path) for path in self.paths])
+        return np.column_stack([numbers, np.concatenate(self.paths)])
 
     def polygons(self, width_nm: int) -> list[db.Polygon]:
         """Outlines of the lines."""
@@ -94,6 +108,27 @@ def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Panel
         paths.append(_corners(turns, places, field.cuts, axis))
         limit = field.beside(np.repeat(places, np.diff(turns, append=limit.size)), 1)
     return PanelLines(axis, tuple(paths))
+
+
+def in_their_pixels(lines: PanelLines, panel: Panel, rules: WireRules, count: int) -> bool:
+    """Whether there are ``count`` lines for every pixel across, each from border to border without turning back, with
+    its metal within its own pixel and the next to either side."""
+    upright = lines.axis == "y"
+    (beside, end), half, pitch = panel.size_nm[:: 1 if upright else -1], rules.line_nm // 2, panel.pitch_nm
+    if len(lines.paths) != count * (beside // pitch) or not all(lines.paths):
+        return False
+    number, across, along = lines.corners[:, (0, 1, 2) if upright else (0, 2, 1)].T
+    pixel, step = number // count, np.diff(number)
+    on, over = np.diff(along)[step == 0], np.diff(across)[step == 0]
+    first, last = np.append(1, step) > 0, np.append(step, 1) > 0
+    return bool(
+        (along[first] == 0).all()
+        and (along[last] == end).all()
+        and (on >= 0).all()
+        and ((on == 0) | (over == 0)).all()
+        and (across - half >= pitch * (pixel - 1)).all()
+        and (across + half <= pitch * (pixel + 2)).all()
+    )
 
 
 @dataclass(frozen=True, eq=False)

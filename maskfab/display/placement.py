@@ -28,11 +28,13 @@ from maskfab.display.emitter_shapes import (
     guillotine,
     labelled,
     polish,
+    proved_shapes,
     shaved,
     three_rectangles,
 )
 from maskfab.display.footprint_bound import upper_bound
 from maskfab.display.free_area import Squares, border_margin, borders, facing_squares, free_region, three_facing_squares
+from maskfab.display.kept_layouts import origin_of, shipped
 from maskfab.optics.colour import LUMINANCE, luminance_centroid
 
 _ROUNDING = 1e-9
@@ -77,7 +79,7 @@ def _footprint(dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: Emi
     widest = free_region(mask, grid, used)
     region = free_region(mask, grid, used, margin=margin) if margin else widest
     rectangles, labels = three_rectangles(region, grid, rules.ratio, max_aspect=rules.max_aspect)
-    method = "rectangles"
+    method, kept = "rectangles", False
     best = rectangles
     if best == 0:
         none = three_squares(widest, grid)
@@ -94,9 +96,11 @@ def _footprint(dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: Emi
         enough = math.inf if largest else needed - _ROUNDING
         # With neighbours to look at, a move on a grid twice as fine takes four times as long.
         moves = round(_MOVES * min(1, (42 / grid.cells) ** 2)) if margin else _MOVES
-        crooked, shapes = polish(widest, grid, rules.ratio, labels, orientations=used, moves=moves, enough=enough)
+        crooked, shapes, kept = _crooked(widest, grid, rules.ratio, labels, used, moves, enough)
         if crooked > best:
             best, labels, method = crooked, shapes, "crooked borders"
+        else:
+            kept = False
     # A bound may be computed by floating point: what was found is never above it.
     bound = max(bound, best)
     if best > 0 and best >= needed - _ROUNDING:
@@ -105,10 +109,33 @@ def _footprint(dots: bytes, grid: EmitterGrid, used: tuple[int, ...], rules: Emi
         verdict = Verdict.DOES_NOT_FIT
     else:
         verdict = Verdict.UNKNOWN
-    placed = Emitters(labels, grid.cell_nm) if best > 0 else None
+    placed = Emitters(labels, grid.cell_nm, kept) if best > 0 else None
     return Footprint(
         verdict, placed, best * cell, bound * cell, rectangles * cell, certificate, method if placed else "none"
     )
+
+
+def _crooked(
+    region: Mask, grid: EmitterGrid, ratio: Ratio, start: Labels, used: tuple[int, ...], moves: int, enough: float
+) -> tuple[float, Labels, bool]:
+    """Footprint in cells and labels of emitters with crooked borders, and whether they came with the program."""
+
+    def cells(labels: Labels) -> float:
+        return min(float((labels == k).sum()) / part for k, part in enumerate(ratio, start=1))
+
+    def proved(labels: Labels) -> bool:
+        squares = facing_squares(region, grid, used)
+        shapes = proved_shapes(squares, labels)
+        whole = shapes is not None and all(shape == squares.largest(shape) for shape in shapes)
+        return whole and cells(labels) >= cells(start)
+
+    def search() -> Labels:
+        return polish(region, grid, ratio, start, orientations=used, moves=moves, enough=enough)[1]
+
+    given = region, grid, ratio, start, used, moves, enough
+    labels, kept = shipped().layout(origin_of("crooked borders", 1, *given), proved, search)
+    assert labels is not None
+    return cells(labels), labels, kept
 
 
 @dataclass(frozen=True)

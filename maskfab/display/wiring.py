@@ -19,7 +19,8 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, Polygon, Track
 from maskfab.base.units import NM_PER_UM
 from maskfab.display.emitter_rules import Certificate, Proof, Verdict
-from maskfab.display.panel_lines import AXES, Axis, PanelLines, panel_cut, panel_lines
+from maskfab.display.kept_layouts import origin_of, shipped
+from maskfab.display.panel_lines import AXES, Axis, PanelLines, in_their_pixels, panel_cut, panel_lines
 from maskfab.display.pixel_lines import (
     DIRECTIONS,
     Direction,
@@ -205,15 +206,47 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
             return drawn
     transparent = drawn.transparent
     asked = panel, demand.rules, demand.lines - transparent
-    cut = next((proof for axis in AXES if (proof := panel_cut(*asked, axis)) is not None), None)
-    if cut is not None:
-        return replace(drawn, failed=cut)
-    laid = panel_lines(*asked, "x"), panel_lines(*asked, "y")
-    if not all(lines.paths for lines in laid):
-        return drawn
-    broken = line_violations(panel, laid, demand.rules)
+    laid, cut = _laid(*asked)
+    if laid is None:
+        return drawn if cut is None else replace(drawn, failed=cut)
+    broken = () if laid[0].kept else line_violations(panel, laid, demand.rules)
     crossing = tuple(track for track in drawn.tracks if track.name == "transparent")
     return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
+
+
+def _laid(
+    panel: Panel, rules: WireRules, count: int
+) -> tuple[tuple[PanelLines, PanelLines] | None, Certificate | None]:
+    """Lines across a panel along x and along y; None where not all were found, and a proof if they cannot be."""
+    cuts: list[Certificate] = []
+    # Lines along y are numbered on from those along x.
+    after_x = count * panel.orientations.shape[0]
+
+    def lines(corners: Ints, kept: bool = False) -> tuple[PanelLines, PanelLines]:
+        upright = corners[:, 0] >= after_x
+        along_y = PanelLines.of_corners("y", corners[upright] - (after_x, 0, 0), kept)
+        return PanelLines.of_corners("x", corners[~upright], kept), along_y
+
+    def proved(corners: Ints) -> bool:
+        if corners.dtype != np.int64 or corners.ndim != 2 or corners.shape[1] != 3:
+            return False
+        laid = lines(corners)
+        own = all(in_their_pixels(each, panel, rules, count) for each in laid)
+        return own and not line_violations(panel, laid, rules)
+
+    def search() -> Ints | None:
+        for axis in AXES:
+            if (proof := panel_cut(panel, rules, count, axis)) is not None:
+                cuts.append(proof)
+                return None
+        along_x, along_y = (panel_lines(panel, rules, count, axis) for axis in AXES)
+        if not along_x.paths or not along_y.paths:
+            return None
+        return np.concatenate([along_x.corners, along_y.corners + np.array((after_x, 0, 0))])
+
+    given = panel.patterns, panel.orientations, panel.pitch_nm, panel.dot_nm, panel.gutter_nm, rules, count
+    corners, kept = shipped().layout(origin_of("lines across a panel", 1, *given), proved, search)
+    return (None if corners is None else lines(corners, kept)), next(iter(cuts), None)
 
 
 def wired_alike(panel: Panel, opening: Opening, demand: WireDemand, *, whole: bool = False) -> Wiring:

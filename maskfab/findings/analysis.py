@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from klayout import db
@@ -28,12 +29,11 @@ from maskfab.findings.optics import (
     READBACK_ERROR,
     LitPupils,
     lit_pupils,
-    measure,
     measure_pupils,
+    measure_with_pupil,
     read_openings,
     stop_boundary,
 )
-from maskfab.findings.scene import SceneOptics, measure_scene, scene_plan, scene_reach_um
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.die import check_lens, check_optics, even_nm
 from maskfab.job.process import UNSTATED, MaskBlank
@@ -53,12 +53,13 @@ from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.outline_lags import OutlineLags, outline_lags
 from maskfab.optics.psf import Leak, pixel_margin
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut
-from maskfab.optics.response import curves_text
-from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
-from maskfab.optics.scene.plan import sampling_camera
-from maskfab.optics.scene.scene import Scene
+from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.optics.stop_edges import cutting_box, edges_in_stop, region_edges, stop_box, sweep_s
 from maskfab.optics.tiling import orientations
+
+if TYPE_CHECKING:
+    from maskfab.findings.scene import SceneOptics  # slow to load, with all of scenes, where none is asked for
+    from maskfab.optics.scene.scene import Scene
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
@@ -117,6 +118,9 @@ class Analysis:
 
 def described_scene(section: SceneSection, camera: Camera, where: str) -> Scene:
     """The scene of a section that did not come from a job; tables of curves are read from their paths."""
+    from maskfab.optics.response import curves_text
+    from maskfab.optics.scene.scene import Scene
+
     stated = section.spectrum, section.illuminant, section.projection
     named = [name for name in stated if isinstance(name, str) and is_table(name)]
     return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, camera=camera, where=where)
@@ -165,6 +169,9 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     check_optics(camera, dot_nm / NM_PER_UM, where="the request")
     reach = camera.stop.diameter_um / 2
     if scene is not None:
+        from maskfab.findings.scene import scene_reach_um
+        from maskfab.optics.scene.plan import sampling_camera
+
         check_optics(sampling_camera(camera, scene), dot_nm / NM_PER_UM, where="the request: the ends of the spectrum")
         reach = scene_reach_um(camera, scene)
     pitch_nm = CellSize(opening.dots, dot_nm, gutter_nm).pitch_nm
@@ -189,25 +196,27 @@ def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress 
     camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
     check_lens(camera, where="the request")
     check_optics(camera, panel.dot_nm / NM_PER_UM, where="the request")
-    reach = camera.stop.diameter_um / 2 if scene is None else scene_reach_um(camera, scene)
     check_cover(panel, camera.stop, name, where="the request: stop.diameter")
     side_nm = max(panel.size_nm)
     die = Die(name, name, panel, (0, 0), side_nm)
-    plan = None if scene is None else scene_plan(die, camera, scene, request.accuracy, "the request")
+    if scene is not None:
+        from maskfab.findings.scene import measure_scene, scene_plan, scene_reach_um
+
+        plan = scene_plan(die, camera, scene, request.accuracy, "the request")
     plate = Plate(name, "", side_nm, side_nm, (die,), (), (), ())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "panel.oas"
         write_oasis(plate_layout(plate), file)
         read = region(read_oasis(file), CLEAR)
     progress("optics", 0, 1)
-    result = measure(die, camera, read, request.blank)
+    result, pupil = measure_with_pupil(die, camera, read, request.blank)
     progress("optics", 1, 1)
-    bar = bar_of_panel(panel, camera, request.blank, None)
-    standard = (*result.quantities, *bar)
-    if scene is None or plan is None:
+    standard = (*result.quantities, *bar_of_pupil(pupil, camera, request.blank, None))
+    if scene is None:
         return Analysis(name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
-    seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
+    openings = read_openings(die, read, scene_reach_um(camera, scene))
+    seen = measure_scene(die, camera, scene, openings, plan, request.blank)
     progress("scene", 1, 1)
     return Analysis(name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
 
@@ -318,12 +327,12 @@ def _analyse_mask(
         method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
         return Quantity("readback_psf_difference", error, method, uncertainty=READBACK_ERROR, wavelength_nm=wavelength)
 
-    measured = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     del lit, outline
     release_memory()
-    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    bar = bar_of_pupil(pupil, camera, request.blank, None)
     otherwise = _mtf_by_parity(path, request, progress) if told.parity_matters else ()
-    return name, measured.psfs, measured.mtfs, (*header, *measured.quantities, *bar, *told.quantities, *otherwise)
+    return name, found.psfs, found.mtfs, (*header, *found.quantities, *bar, *told.quantities, *otherwise)
 
 
 def _mtf_by_parity(path: Path, request: Request, progress: Progress) -> Iterator[Quantity]:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from klayout import db
@@ -20,8 +21,6 @@ from maskfab.base.units import NM_PER_UM
 from maskfab.base.work import Progress, silent
 from maskfab.job.camera import Camera
 from maskfab.job.process import UNSTATED, MaskBlank
-from maskfab.mask.composition import mirrored
-from maskfab.mask.job import Job
 from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lines_nm, read_aperture
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities
@@ -42,9 +41,12 @@ from maskfab.optics.psf import (
     within,
 )
 from maskfab.optics.pupil import Aperture, Pupil, cut, panel_aperture
-from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.optics.side_lobes import first_side_lobe, peak_to_side_lobe
 from maskfab.optics.stop_edges import edges_in_stop
+
+if TYPE_CHECKING:
+    from maskfab.mask.job import Job
 
 
 def through_glass(job: Job) -> bool:
@@ -59,7 +61,11 @@ def sees_mirrored(job: Job) -> bool:
 
 def plate_as_seen(job: Job, plate: Plate) -> Plate:
     """A plate as its files draw it, seen from the lens."""
-    return mirrored(plate) if through_glass(job) else plate
+    if not through_glass(job):
+        return plate
+    from maskfab.mask.composition import mirrored  # slow to load, and of plates alone
+
+    return mirrored(plate)
 
 
 def layout_as_seen(job: Job, layout: db.Layout) -> db.Layout:
@@ -112,6 +118,17 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.mask.layout.clear_shapes`.
     """
+    return measure_with_pupil(die, camera, shapes, blank)[0]
+
+
+def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
+    """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
+    found, pupil = measure_with_pupil(die, camera, shapes, blank)
+    return replace(found, quantities=(*found.quantities, *bar_of_pupil(pupil, camera, blank, die.name)))
+
+
+def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank) -> tuple[DieOptics, Pupil]:
+    """What :func:`measure` tells, and the pupil of the design."""
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     if area <= 0:
@@ -131,16 +148,8 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
     ]
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
-    measured = measure_pupils(
-        pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name
-    )
-    return DieOptics(die, measured.psfs, measured.mtfs, (*quantities, *measured.quantities))
-
-
-def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
-    """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
-    measured = measure(die, camera, shapes, blank)
-    return replace(measured, quantities=(*measured.quantities, *bar_of_panel(die.panel, camera, blank, die.name)))
+    found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
+    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities)), design_pupil
 
 
 def _pupils(

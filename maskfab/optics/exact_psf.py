@@ -15,13 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from maskfab.base.arrays import Floats
-from maskfab.base.model import Psf
+from maskfab.base.model import Psf, frozen
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField, direct_field, prepare
 from maskfab.optics.field.polygons import Boundary
@@ -95,22 +95,30 @@ class ExactPsf:
         """Share of all energy within a circle about the axis, and the bound of its error."""
         turns = 2 * math.pi * radius_um * self.highest
         count = math.ceil(1.2 * turns) + _SPARE
-        nodes, weights = gauss_legendre(count)
-        series = weights[:, None] * legvander(nodes, count - 1) * (np.arange(count) + 0.5)
-        # Chords at the cosine of an angle: polynomials on a disc are even trigonometric ones.
-        angle = math.pi * (np.arange(count + 1) + 0.5) / (count + 1)
-        chords = legvander(np.sin(angle), count)
-        lengths = np.empty((angle.size, count))
-        lengths[:, 0] = 2 * np.sin(angle)
-        order = np.arange(1, count)
-        lengths[:, 1:] = (chords[:, 2:] - chords[:, :-2]) * (1 + (-1.0) ** order) / (2 * order + 1)
-        across = legvander(np.cos(angle), count - 1) * (np.sin(angle) * math.pi / angle.size)[:, None]
+        nodes, series, weights = _circle_sums(count)
         values = self.intensity(radius_um * nodes, radius_um * nodes)
-        energy = radius_um**2 * float(np.sum((series.T @ values @ series) * (lengths.T @ across)))
+        energy = radius_um**2 * float(np.sum((series.T @ values @ series) * weights))
         left = turns / 2 * (_SUMS - 1 / _SUMS) - count * np.log(_SUMS) + np.log(4 / (_SUMS - 1))
         error = math.exp(float(left.min())) * (2 + math.sqrt(count)) * self.most * math.pi * radius_um**2
         # Twice that of the field, and what the sums round.
         return energy, error + 10 * self.rounding
+
+
+@lru_cache(maxsize=8)
+def _circle_sums(count: int) -> tuple[Floats, Floats, Floats]:
+    """Gauss nodes [n] of the square about the unit circle, what makes a Legendre series [n, n] of values there, and the
+    integrals [n, n] of its terms over the circle."""
+    nodes, weights = gauss_legendre(count)
+    series = weights[:, None] * legvander(nodes, count - 1) * (np.arange(count) + 0.5)
+    # Chords at the cosine of an angle: polynomials on a disc are even trigonometric ones.
+    angle = math.pi * (np.arange(count + 1) + 0.5) / (count + 1)
+    chords = legvander(np.sin(angle), count)
+    lengths = np.empty((angle.size, count))
+    lengths[:, 0] = 2 * np.sin(angle)
+    order = np.arange(1, count)
+    lengths[:, 1:] = (chords[:, 2:] - chords[:, :-2]) * (1 + (-1.0) ** order) / (2 * order + 1)
+    across = legvander(np.cos(angle), count - 1) * (np.sin(angle) * math.pi / angle.size)[:, None]
+    return nodes, frozen(series), frozen(lengths.T @ across)
 
 
 def sampled_field(openings: Pupil | Boundary, camera: Camera) -> SampledField:

@@ -22,9 +22,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from klayout import db
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.base.arrays import Floats, Indices, Mask, expanded, fast_length
 from maskfab.base.model import frozen
@@ -165,13 +165,13 @@ class OutlineLags:
         for row, column in np.ndindex(rows, columns):
             alike = shares[:, row, :, column].astype(np.float32)
             for k, values in enumerate((alike, np.sqrt(alike * (1 - alike)))):
-                waves = fft.rfft2(values, (size, size))
+                waves = scipy.fft.rfft2(values, (size, size))
                 powers[k] += waves.real**2 + waves.imag**2
         lags = np.arange(1 - count, count)
         reached = abs(lags) < cells
         tables = np.zeros((2, count, 2 * count - 1))
         for table, power in zip(tables, powers, strict=True):
-            held = fft.irfft2(power, (size, size), overwrite_x=True)[: min(count, cells), lags[reached] % size]
+            held = scipy.fft.irfft2(power, (size, size), overwrite_x=True)[: min(count, cells), lags[reached] % size]
             table[: len(held), reached] = held * (step_um**2 / (rows * columns))
         # At lag 0 shapes are known.
         values, errors = tables

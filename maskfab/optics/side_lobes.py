@@ -31,7 +31,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebder, chebpts1, chebval2d, chebvander
+from numpy.polynomial.chebyshev import chebder, chebpts1, chebvander
 
 from maskfab.base.arrays import Floats
 from maskfab.base.model import Quantity
@@ -50,6 +50,12 @@ _LOST, _BETWEEN = 0.015, 2.8
 _TILE, _SQUARE, _FIRST_REACH, _PLACE_ERROR, _NEWTON, _STEPS, _MOST_CLIMBS = 16, 3, 0.25, 1e-7, 100, 32, 200
 # Half the side of the first square in which the nearest lobe is looked for, in units of λf / D; then twice as much.
 _FIRST_ORDERS = 2.5
+# Chebyshev series of the polynomials at the nodes, and of their first and second derivatives, [3, n, n].
+_ANALYSIS = 2 / _NODES * chebvander(chebpts1(_NODES), _NODES - 1).T
+_ANALYSIS[0] /= 2
+_DERIVED = np.stack([np.pad(chebder(_ANALYSIS, times), ((0, times), (0, 0))) for times in range(3)])
+
+_Bend = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
@@ -168,12 +174,9 @@ class SideLobes:
 
     def climbed(self, x_um: float, y_um: float) -> Lobe | None:
         """The maximum that a place leads to; None if that is the middle one, or outside the window."""
-        side, analysis = _SQUARE * self._finer_um, 2 / _NODES * chebvander(chebpts1(_NODES), _NODES - 1).T
-        analysis[0] /= 2
+        side, nodes = _SQUARE * self._finer_um, _SQUARE * self._finer_um * chebpts1(_NODES)
         for _ in range(_STEPS):
-            nodes = side * chebpts1(_NODES)
-            series = analysis @ self.psf.intensity(x_um + nodes, y_um + nodes) @ analysis.T
-            right, up, top = _ascended(series)
+            right, up, (top, bend) = _ascended(self.psf.intensity(x_um + nodes, y_um + nodes))
             x_um, y_um = x_um + side * right, y_um + side * up
             if max(abs(right), abs(up)) < 1:
                 break
@@ -181,39 +184,52 @@ class SideLobes:
             return None
         error = (1 + _LEBESGUE) * (math.pi * side * self.psf.highest) ** _NODES / math.factorial(_NODES) * self.psf.most
         error += self.psf.rounding * (2 * math.sqrt(self.psf.most * top) + self.psf.rounding * self.psf.most)
-        bends = [
-            float(chebval2d(right, up, chebder(chebder(series, along_y, axis=0), along_x, axis=1).T))
-            for along_x, along_y in ((2, 0), (1, 1), (0, 2))
-        ]
-        curvatures, axes = np.linalg.eigh([bends[:2], bends[1:]])
-        moved = side * np.minimum(1.0, 2 * np.sqrt(error / np.maximum(-curvatures, error))) + _PLACE_ERROR * side
-        away = max(math.hypot(x_um, y_um), side)
-        # Across the radius a lobe that moves is hardly farther.
-        along = abs(axes.T @ np.array([x_um, y_um])) / away
-        return Lobe(x_um, y_um, top, error, float(along @ moved + moved @ moved / (2 * away)))
+        away, along, square = max(math.hypot(x_um, y_um), side), 0.0, 0.0
+        for curvature, across, upward in bend:
+            moved = side * min(1.0, 2 * math.sqrt(error / max(-curvature, error))) + _PLACE_ERROR * side
+            # Across the radius a lobe that moves is hardly farther.
+            along += abs(across * x_um + upward * y_um) / away * moved
+            square += moved**2
+        return Lobe(x_um, y_um, top, error, along + square / (2 * away))
 
 
-def _ascended(series: Floats) -> tuple[float, float, float]:
-    """Place, -1 to 1 along x and y, and height of the maximum of a Chebyshev series [y, x] uphill of its middle.
+def _ascended(values: Floats) -> tuple[float, float, tuple[float, _Bend]]:
+    """Place, -1 to 1 along x and y, height and bend of the maximum uphill of a square's middle, by nodes [y, x].
 
     Newton's steps along the axes of curvature, uphill where that is not downward, none longer than keeps other lobes
     out of sight: a ridge is followed as far as it rises.
     """
-    place, reach, least = np.zeros(2), _FIRST_REACH / _SQUARE, np.finfo(np.float64).eps * float(abs(series).max())
-    slopes = [chebder(series, axis=axis) for axis in (1, 0)]
-    bends = [chebder(slopes[0], axis=1), chebder(slopes[0], axis=0), chebder(slopes[1], axis=0)]
+    # [derivatives by y, orders of y, derivatives by x, orders of x]
+    series = np.tensordot(_DERIVED @ values, _DERIVED, (2, 2))
+    reach, least = _FIRST_REACH / _SQUARE, float(np.finfo(np.float64).eps * abs(series[0, :, 0]).max())
+    orders, x, y = np.arange(_NODES, dtype=np.float64), 0.0, 0.0
+
+    def seen() -> tuple[float, tuple[float, float], _Bend]:
+        waves_x, waves_y = np.cos(orders * math.acos(x)), np.cos(orders * math.acos(y))
+        (height, right, xx), (up, xy, _), (yy, _, _) = (waves_y @ (series @ waves_x)).tolist()
+        return height, (right, up), _bend(xx, xy, yy)
+
     for _ in range(_NEWTON):
-        slope, bend = ([float(chebval2d(place[0], place[1], part.T)) for part in parts] for parts in (slopes, bends))
-        xx, xy, yy = bend
-        curvatures, axes = np.linalg.eigh([[xx, xy], [xy, yy]])
-        uphill = axes.T @ slope
-        step = axes @ np.clip(uphill / np.maximum(abs(curvatures), 1e-300), -reach, reach)
-        moved = np.clip(place + step, -1, 1) - place
-        place = place + moved
+        _, (right, up), bend = seen()
+        step_x = step_y = rise = 0.0
+        for curvature, across, upward in bend:
+            uphill = across * right + upward * up
+            step = min(max(uphill / max(abs(curvature), 1e-300), -reach), reach)
+            step_x, step_y, rise = step_x + step * across, step_y + step * upward, rise + uphill * step
+        before = x, y
+        x, y = min(max(x + step_x, -1.0), 1.0), min(max(y + step_y, -1.0), 1.0)
         # Along a ring that is level to rounding no step ends by itself.
-        if abs(moved).max() < _PLACE_ERROR / 100 or uphill @ axes.T @ step < least:
+        if max(abs(x - before[0]), abs(y - before[1])) < _PLACE_ERROR / 100 or rise < least:
             break
-    return float(place[0]), float(place[1]), float(chebval2d(place[0], place[1], series.T))
+    height, _, bend = seen()
+    return x, y, (height, bend)
+
+
+def _bend(xx: float, xy: float, yy: float) -> _Bend:
+    """Curvatures of a surface, the least first, and the unit vectors along x and y of their axes."""
+    mean, size, turn = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy), math.atan2(xy, (xx - yy) / 2) / 2
+    across, upward = math.cos(turn), math.sin(turn)
+    return (mean - size, -upward, across), (mean + size, across, upward)
 
 
 def _parabola(three: Sequence[Floats]) -> tuple[Floats, Floats]:

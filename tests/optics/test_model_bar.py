@@ -21,7 +21,7 @@ from maskfab.optics.gap import gap_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Aperture, cut, panel_aperture
-from maskfab.optics.scene.model_bar import ASSUMED_BIAS_UM, bar_of_panel, model_bar, scene_bar
+from maskfab.optics.scene.model_bar import ASSUMED_BIAS_UM, bar_of_pupil, model_bar, scene_bar
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.stop import clear_field
 from maskfab.optics.stop_edges import edges_in_stop
@@ -251,7 +251,8 @@ def test_a_scene_holds_the_glass_as_a_gap_and_says_that_it_lacks_the_leak():
 
 
 def test_rows_say_what_was_assumed_and_come_by_size():
-    rows = bar_of_panel(laid(), SLOW, UNSTATED, "D")
+    pupil = cut(panel_aperture(laid()), SLOW.stop)
+    rows = bar_of_pupil(pupil, SLOW, UNSTATED, "D")
     assert rows[0].name == "model_bar"
     assert rows[0].value == pytest.approx(sum(row.value for row in rows[1:]))
     sizes = [row.value for row in rows[1:]]
@@ -259,7 +260,7 @@ def test_rows_say_what_was_assumed_and_come_by_size():
     assert {row.die for row in rows} == {"D"}
     told = {row.name: row.method for row in rows}
     assert "assumed" in told["model_chrome_leak"]
-    stated = bar_of_panel(laid(), SLOW, MaskBlank(4.0, None, Glass(1000.0, 1.5, "away")), None)
+    stated = bar_of_pupil(pupil, SLOW, MaskBlank(4.0, None, Glass(1000.0, 1.5, "away")), None)
     told = {row.name: row.method for row in stated}
     assert "assumed" not in told["model_chrome_leak"] + told["model_glass"]
     assert "optical density 4" in told["model_chrome_leak"]

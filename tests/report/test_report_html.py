@@ -10,7 +10,8 @@ import pytest
 
 from maskfab.job.camera import Stop
 from maskfab.job.process import UNSTATED
-from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.optics.pupil import cut, panel_aperture
+from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.report.documents.report import report_text, to_document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.pages import page as html
@@ -275,7 +276,8 @@ def test_rows_of_files_are_folded_unless_they_failed(document):
 def test_what_is_not_modelled_stands_apart_the_largest_first(run):
     name = run.plate.dies[0].name
     camera = replace(run.camera, stop=Stop("circle", 300.0))
-    bar = bar_of_panel(run.plate.dies[0].panel, camera, UNSTATED, name)
+    pupil = cut(panel_aperture(run.plate.dies[0].panel, 150.0), camera.stop)
+    bar = bar_of_pupil(pupil, camera, UNSTATED, name)
     with_bar = replace(run.report, dies={**run.report.dies, name: (*run.report.dies[name], *bar)})
     document = to_document(with_bar, run.plate, run.camera)
     assert [row["name"] for row in document["dies"][0]["quantities"][-len(bar) :]] == [each.name for each in bar]

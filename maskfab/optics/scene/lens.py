@@ -53,9 +53,6 @@ from maskfab.job.values import MOST_DISTORTION
 from maskfab.optics.psf import OVERSAMPLING, point_step_um
 from maskfab.optics.stop import Waves
 
-ASSUMED_FILM_UM = 0.1
-"""Thickness of the chrome of masks, whose walls stand in the way of oblique light."""
-
 # Newton's steps end when they no longer tell, a hundred roundings.
 _STEPS, _STILL = 60, 2e-14
 # A lens's table may differ so much from the focal length near the axis; heights f θ end this near to a right angle.

@@ -35,11 +35,13 @@ from maskfab.optics.field.methods import field
 from maskfab.optics.gap import gap_change
 from maskfab.optics.psf import Leak, image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil import Aperture, Lattice, Pupil, cut, panel_aperture, zeros
-from maskfab.optics.scene.lens import ASSUMED_FILM_UM
 from maskfab.optics.stop import clear_field, inside
 
 MODEL_BAR = "model_"
 """Prefix of the names of the bar's rows."""
+
+ASSUMED_FILM_UM = 0.1
+"""Thickness of the chrome of masks, whose walls stand in the way of oblique light."""
 
 ASSUMED_DENSITY = 3.0
 """Optical density of chrome that mask shops guarantee, at the lines of exposure; seldom stated for visible light."""
@@ -103,9 +105,8 @@ def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> t
     return _by_size(_of_scene(_DieField.of(pupil, camera), slope, blank))
 
 
-def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
-    """The bar of a panel behind a camera, as rows of a report."""
-    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+def bar_of_pupil(pupil: Pupil, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
+    """The bar of a pupil behind a camera, as rows of a report."""
     return bar_quantities(model_bar(pupil, camera, blank), camera, die)
 
 

@@ -36,7 +36,8 @@ from maskfab.optics.gap import AXIS, MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, ga
 from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um, phased_flops
 from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import Pupil, cut, panel_aperture
-from maskfab.optics.scene.lens import ASSUMED_FILM_UM, RESAMPLED, SensorWindow
+from maskfab.optics.scene.lens import RESAMPLED, SensorWindow
+from maskfab.optics.scene.model_bar import ASSUMED_FILM_UM
 from maskfab.optics.scene.omissions import GAP_SAFETY, Estimate, Estimates, estimate, grey, wavelength_range_nm
 from maskfab.optics.scene.probe import phased_error, single_error
 from maskfab.optics.scene.scene import Scene

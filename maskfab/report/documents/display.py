@@ -133,6 +133,7 @@ class DisplayPart(Part):
     bound_share: float
     rectangles_share: float = written()
     method: str = written()
+    kept: list[str] = written("layouts that came with maskfab and were proved again, so that no search was needed")
     emitters: _Emitters | None
     circuits: _Circuits = written()
     borders: _Borders | None = written()
@@ -154,6 +155,7 @@ def display_document(display: Feasibility) -> Document:
         bound_share=footprint.bound_share,
         rectangles_share=footprint.rectangles_share,
         method=footprint.method,
+        kept=list(display.kept),
         emitters=emitters
         and _Emitters.document(
             display,
@@ -341,6 +343,8 @@ def display_lines(
     for part in (_footprint, _placement, _circuits, _wires, _light_text, _proofs):
         for label, text in part(display):
             yield f"  {label:<16} {text}"
+    if display.kept:
+        yield f"  {'kept':<16} {', '.join(display.kept)}: came with maskfab, and proved again by every rule"
     if seed is not None:
         yield f"  {'note':<16} {seed.method}"
     if gap is not None:
