@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @overload
 def run(
     job: Plate | AnyPanel | Mapping[str, AnyPanel] | list[AnyPanel], camera: Camera | None = None,
-    out: str | Path = ..., *, force: bool = ..., pdf: bool = ...,
+    out: str | Path = ..., *, force: bool = ..., pdf: bool = ..., live: str | Path | None = ...,
     progress: Progress = ..., cache: bool = ..., workers: int | None = ..., scheduler: str | None = ...
 ) -> Run: ...  # fmt: skip
 @overload
@@ -45,6 +45,7 @@ def run(
     /,
     *,
     force: bool = ...,
+    live: str | Path | None = ...,
     pdf: bool = ...,
     progress: Progress = ...,
     cache: bool = ...,
@@ -57,6 +58,7 @@ def run(
     *,
     out: str | Path,
     force: bool = ...,
+    live: str | Path | None = ...,
     pdf: bool = ...,
     progress: Progress = ...,
     cache: bool = ...,
@@ -77,6 +79,7 @@ def run(
     cache: bool = True,
     dry_run: bool = False,
     force: bool = False,
+    live: Annotated[str | Path | None, "FILE.html"] = None,
     pdf: bool = False,
     scheduler: Annotated[str | None, "ADDRESS"] = None,
     workers: Annotated[int | None, "1..1024"] = None,
@@ -88,6 +91,7 @@ def run(
         $ maskfab run layouts/upc12.toml --out build/upc12
         $ maskfab run layouts/upc12.toml --out build/upc12 --dry-run
         $ maskfab run layouts/upc12.toml --out build/upc12 --pdf
+        $ maskfab run layouts/upc12.toml --out build/upc12 --live build/live.html
 
     Args:
         job: job file (.toml); in Python also a plate, panels or a loaded job.
@@ -96,6 +100,7 @@ def run(
         cache: find everything anew, and keep nothing; see maskfab self cache. The files are the same either way.
         dry_run: tell stages, what of them is kept, time and memory; write nothing.
         force: replace an earlier result there.
+        live: page that shows dies as soon as something of them is known, and renews itself, to stop a wrong job early.
         pdf: print the report, too: report.pdf, by Chromium, Chrome or Edge.
         scheduler: address of a Dask scheduler whose workers share the work, such as tcp://127.0.0.1:8786.
         workers: processes; by default as many as processors and memory bear. The files are the same.
@@ -117,7 +122,8 @@ def run(
     made = job_of(job, camera, further=pipeline.plate_to_make)
     if dry_run:
         return forecast_run(made, Path(out), force=force, cache=store, workers=crew)
-    return pipeline.run(made, out, force=force, progress=progress, cache=store, pdf=pdf, workers=crew)
+    page = None if live is None else Path(live)
+    return pipeline.run(made, out, force=force, progress=progress, cache=store, pdf=pdf, workers=crew, live=page)
 
 
 @answers(run)

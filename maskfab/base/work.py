@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 Progress = Callable[[str, int, int], None]
-"""Called with the stage's name, how many of its steps are done, and how many there are."""
+"""Called with the stage's name, how many of its steps are done, and how many there are; 0 of 0 for words on a part."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -53,7 +53,7 @@ class NotebookLine:
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         moment = self._now()
-        if moment - self._begun >= _SEEN_AFTER_S and moment - self._shown >= _SEEN_EVERY_S:
+        if total and moment - self._begun >= _SEEN_AFTER_S and moment - self._shown >= _SEEN_EVERY_S:
             self._show(f"{stage} {done}/{total}, {moment - self._begun:.0f} s")
             self._shown = moment
 

@@ -78,13 +78,18 @@ class progress_bar:  # noqa: N801 - reads as a word in a with statement
     def _advance(self, stage: str, done: int, total: int) -> None:
         # Begun with the first stage, so that a person can be asked before.
         self._bar.start()
+        if not total:
+            self._bar.console.print(one_line(stage), markup=False, highlight=False)
+            return
         if stage not in self._tasks:
             self._tasks[stage] = self._bar.add_task(stage, total=total)
         self._bar.update(self._tasks[stage], completed=done, total=total)
 
 
 def _plain_line(stage: str, done: int, total: int) -> None:
-    """One line a stage begun and ended, and one at each tenth of a long one."""
+    """One line a stage begun and ended, and one at each tenth of a long one; of no steps, the words alone."""
     tenth = max(1, total // 10)
-    if done in (0, total) or done % tenth == 0:
+    if not total:
+        tell(stage)
+    elif done in (0, total) or done % tenth == 0:
         typer.echo(f"{stage}: {done}/{total}", err=True)

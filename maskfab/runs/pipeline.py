@@ -24,6 +24,7 @@ from maskfab.mask.job import Job, load_job
 from maskfab.report.documents.die import Beside, measured_beside
 from maskfab.report.verdicts import Verdicts
 from maskfab.runs.agreement import check_agreement
+from maskfab.runs.live import Live
 from maskfab.runs.paper import browser, print_report
 from maskfab.runs.plate_files import (
     check_packages,
@@ -63,6 +64,7 @@ def run(
     cache: Store | None = None,
     pdf: bool = False,
     workers: Workers = EVERY_CORE,
+    live: Path | None = None,
 ) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
@@ -72,19 +74,22 @@ def run(
         everything itself. The files are the same to the last bit.
     pdf: print the report, too.
     workers: who shares the work; the files do not show it.
+    live: a page that shows dies as soon as something of them is known.
     """
     job = job if isinstance(job, Job) else load_job(job, plate_to_make)
     place = check_target(Path(out), force=force)
     measured = measured_beside(job)
-    aside = staged(place)
-    if pdf:
-        aside = _then_print(aside, browser(), progress)
-    if cache is None or not cache.has(origin_of_run(job, measured)):
-        made = _make(job, aside, progress, cache, measured, workers)
-    else:
-        with aside as folder:
-            taken = _taken(job, folder, cache, measured, progress, workers)
-            made = taken or _make(job, nullcontext(folder), progress, cache, measured, workers)
+    with Live(progress, live, force=force) as told:
+        aside = staged(place)
+        if pdf:
+            aside = _then_print(aside, browser(), told)
+        if cache is None or not cache.has(origin_of_run(job, measured)):
+            made = _make(job, aside, told, cache, measured, workers)
+        else:
+            with aside as folder:
+                taken = _taken(job, folder, cache, measured, told, workers)
+                made = taken or _make(job, nullcontext(folder), told, cache, measured, workers)
+        told.ended(place.asked)
     return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken, made.accounts)
 
 
@@ -119,7 +124,7 @@ def _then_print(aside: AbstractContextManager[Path], program: str, progress: Pro
 def _make(
     job: Job,
     aside: AbstractContextManager[Path],
-    progress: Progress,
+    progress: Live,
     cache: Store | None,
     measured: Beside | None,
     workers: Workers,
@@ -133,10 +138,11 @@ def _make(
             plate = plate_to_make(job, faults)
             faults.refuse()
             assert plate is not None
-            photographs = begin_photographs(job, plate, executor)
+            progress.laid_out(plate.dies)
+            photographs = begin_photographs(job, plate, executor, progress.photographed)
             built = displays(job, plate, progress, executor=executor)
-            plate = built.plate
-            seen = plate_as_seen(job, plate)
+            progress.placed(built.displays)
+            seen = plate_as_seen(job, plate := built.plate)
         with stage("draw"):
             made = draw_files(job, plate, displays=built.displays)
         with stage("plan"):
@@ -151,7 +157,9 @@ def _make(
                 back = read_own(made, folder, progress, costs)
             layout = layout_as_seen(job, back.trips[0].layout)
             with stage("optics"):
-                optics = measure_dies(seen, job.camera, layout, progress, seconds, job.blank, executor)
+                optics = measure_dies(
+                    seen, job.camera, layout, progress, seconds, job.blank, executor, progress.measured
+                )
                 files += write_psfs(psfs := psfs_as_files(job, made, optics), folder)
             with stage("scene"):
                 scenes = measure_scenes(job, seen, plans, layout, progress, seconds, executor)

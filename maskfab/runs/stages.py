@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from klayout import db
@@ -64,16 +65,18 @@ def measure_dies(
     seconds: dict[str, float] | None = None,
     blank: MaskBlank = UNSTATED,
     executor: SerialExecutor | None = None,
+    then: Callable[[DieOptics], None] | None = None,
 ) -> list[DieOptics]:
     """The optics of every die from a layout that was read back of a plate made of ``blank``, and what they leave out.
 
     Every sum is done in one order, by one thread, which makes equal runs equal to the last bit. The time of every die
-    is added to ``seconds``.
+    is added to ``seconds``; ``then`` is told of each as soon as it is known, by any thread.
     """
 
     def call(die: Die) -> Call[DieOptics]:
         known, box = (_mask(die), camera), light_box(die, camera.stop)
-        return _call(measure_with_bar, lambda: (*known, clear_shapes(layout, box), blank), known)
+        call = _call(measure_with_bar, lambda: (*known, clear_shapes(layout, box), blank), known)
+        return replace(call, then=then)
 
     optics = _by_tasks("optics", call, plate.dies, progress, seconds, executor)
     return [replace(item, die=_mask(die)) for die, item in zip(plate.dies, optics, strict=True)]
@@ -152,14 +155,16 @@ class PendingPhotographs:
         return Photographs(self.conditions, dies, self.reference)
 
 
-def begin_photographs(job: Job, plate: Plate, executor: SerialExecutor) -> PendingPhotographs:
-    """Photographs through the dies of a plate, which need nothing of its files. Raises JobError MF140 or MF141 for a
-    sensor or a light that cannot be."""
+def begin_photographs(
+    job: Job, plate: Plate, executor: SerialExecutor, then: Callable[[str, Restored], None] = lambda *_: None
+) -> PendingPhotographs:
+    """Photographs through the dies of a plate, which need nothing of its files; ``then`` is told of each die's as soon
+    as they are known, by any thread. Raises JobError MF140 or MF141 for a sensor or a light that cannot be."""
     conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), die_data.stated(job)
 
     def call(die: Die) -> Call[Restored]:
         given = conditions, around, die.name, die.panel, die.name in shown
-        return _call(photograph_die, lambda: given, given)
+        return replace(_call(photograph_die, lambda: given, given), then=partial(then, die.name))
 
     dies = plate_as_seen(job, plate).dies
     reference = None if job.spec.report is None else job.spec.report.reference

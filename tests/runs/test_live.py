@@ -1,0 +1,61 @@
+"""A run tells of its dies while it goes on: by lines, and by a page that ends with the report or with the reason."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from small_job import write_job
+
+from maskfab.base.errors import OutputError
+from maskfab.runs import pipeline
+
+pytestmark = pytest.mark.usefixtures("read_here")
+ONE_FILE = ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')
+
+
+def test_dies_are_told_of_before_the_report_is_drawn(tmp_path):
+    page, told, seen = tmp_path / "live.html", [], {}
+
+    def progress(stage: str, done: int, total: int) -> None:
+        told.append((stage, total))
+        if page.exists() and not done:
+            seen.setdefault(stage, page.read_text())
+
+    pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", progress=progress, live=page)
+    words = [stage for stage, total in told if not total]
+    for die in ("PLAIN", "TURNED"):
+        assert next(line for line in words if line.startswith(f"{die}: ")).startswith(f"{die}: 30.6% clear, ring, ")
+        assert any(re.fullmatch(rf"{die}: worst MTF 0\.\d+ on average at 530 nm", line) for line in words)
+        assert any(line.startswith(f"{die}: no photographs: MF134") for line in words)
+    assert told.index((words[0], 0)) < told.index(next(item for item in told if item[0] == "write files"))
+    assert max(told.index((line, 0)) for line in words) < told.index(("figures", 1))
+    early, last = seen["read back"], page.read_text()
+    assert 'http-equiv="refresh"' in early
+    assert "PLAIN" in early
+    assert "worst MTF" not in early
+    assert 'http-equiv="refresh"' not in last
+    assert '<a href="out/report.html">' in last
+    assert last.count("<img") == 4
+    assert "worst MTF" in last
+
+
+def test_a_run_that_fails_says_so_on_its_page(tmp_path, monkeypatch):
+    def refused(*_: object) -> None:
+        raise OutputError("MF401", "the disk is full", where="out", cure="Make room")
+
+    monkeypatch.setattr(pipeline, "write_files", refused)
+    with pytest.raises(OutputError):
+        pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", live=tmp_path / "live.html")
+    page = (tmp_path / "live.html").read_text()
+    assert "Stopped: MF401 the disk is full" in page
+    assert "refresh" not in page
+
+
+def test_a_page_that_is_there_is_replaced_by_force_alone(tmp_path):
+    page = tmp_path / "live.html"
+    page.write_text("mine")
+    with pytest.raises(OutputError, match="MF402"):
+        pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", live=page)
+    assert page.read_text() == "mine"
+    assert not (tmp_path / "out").exists()
