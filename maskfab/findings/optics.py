@@ -190,10 +190,14 @@ def measure_pupils(
     margin = pixel_margin(camera)
     lines = camera.wavelengths_nm
     progress("optics", 0, len(lines))
-    read_psfs = ReadyPupil.of(read, camera, margin).psfs(leak)
+    ready = ReadyPupil.of(read, camera, margin)
+    read_psfs = matrix_psfs = ready.psfs(leak)
     matrix = read if design is None else design
-    matrix_psfs = read_psfs if matrix is read else ReadyPupil.of(matrix, camera, margin).psfs(leak)
-    sampled = sampled_field(outline if design is None else matrix, camera)
+    if matrix is not read:
+        ready = ReadyPupil.of(matrix, camera, margin)
+        matrix_psfs = ready.psfs(leak)
+    sampled = sampled_field(outline, camera) if design is None else sampled_field(matrix, camera, ready.prepared)
+    del ready  # of a wide stop hundreds of megabytes
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
