@@ -128,7 +128,7 @@ def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank 
 
 
 def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank) -> tuple[DieOptics, Pupil]:
-    """What :func:`measure` tells, and the pupil of the design."""
+    """:func:`measure`, and the pupil of the design."""
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     if area <= 0:
