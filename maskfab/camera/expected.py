@@ -123,15 +123,19 @@ class Stills:
             few[key] = np.empty((count, *seen.shape), np.float32), true, seen
         products = {still.margin.shape: np.empty((len(still.seen), count, count)) for still in stills.values()}
         for shape, product in products.items() if nodes else ():
-            inverse_prior = prior(shape)
+            alike = {key: still for key, still in stills.items() if still.margin.shape == shape}
+            margin = next(iter(alike.values())).margin
+            inverse_prior = margin.folded(prior(shape), _FEW)
             # Colour by colour, whose filters take a third.
             for colour, transfer in enumerate(blur.on(shape)):
-                gains = [wiener(transfer, inverse_prior, node) for node in nodes]
-                product[colour] = [[_product(one, other) for other in gains] for one in gains]
-                for key, still in stills.items():
-                    for k, gain in enumerate(gains) if still.margin.shape == shape else ():
-                        rows = still.margin.rows(still.spectrum[colour, None], gain[None], _FEW)
-                        few[key][0][k, colour] = rows[0, :, ::_FEW]
+                folded = margin.folded(transfer, _FEW)
+                gains = np.stack([wiener(folded, inverse_prior, node) for node in nodes])
+                product[colour] = _products(gains)
+                for key, still in alike.items():
+                    waves = margin.folded(still.spectrum[colour], _FEW)
+                    parts = np.stack([waves.real, waves.imag])
+                    for k, gain in enumerate(gains):
+                        few[key][0][k, colour] = margin.few(_summed(gain, parts), _FEW)
         return cls(blur, linear, nodes, stills, few, products)
 
     def best(self, keys: Iterable[int], noise: Noise, strengths: Sequence[float], start: int) -> int:
@@ -153,7 +157,7 @@ class Stills:
         still = self.stills[key]
         step = _step(still.seen.shape[1])
         gains, passed = self._filter(still.margin.shape, epsilon)
-        light = still.margin.rows(still.spectrum, gains, step)
+        light = still.margin.blurred(still.spectrum, gains, step)
         errors = _errors(light, still.true[:, ::step], still.seen[:, ::step], passed, noise, linear=self.linear)
         return _decibels(errors), _decibels(errors[:, trim // step : -trim // step, trim:-trim])
 
@@ -226,7 +230,7 @@ def _passed(gain: Transfer, sides: tuple[int, int]) -> Singles:
     turned = some[-np.arange(len(some))]
     lines = scipy.fft.irfft(some, axis=1, workers=1)
     across = _at_edges(scipy.fft.irfft((some * turned).mean(axis=0)), (lines * lines).mean(axis=0), sides[1])
-    return np.asarray(_product(gain, gain) * up[:, None] * across, dtype=np.float32)
+    return np.asarray(_products(gain.T[None])[0, 0] * up[:, None] * across, dtype=np.float32)
 
 
 def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
@@ -237,11 +241,22 @@ def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
     return np.asarray(1 + more + more[::-1])
 
 
-def _product(one: Transfer, other: Transfer) -> float:
-    """Mean of the product of two filters [rows, half], of pictures of even width, over all frequencies."""
+def _summed(gain: Transfer, parts: Singles) -> NDArray[np.complex64]:
+    """Sum over the frequencies that fold together, [columns, rows], of a filter times the parts of a spectrum."""
+    total = np.empty(gain.shape[1:], dtype=np.complex64)
+    total.real, total.imag = (np.einsum("aij,aij->ij", gain.real, part) for part in parts)
+    if np.iscomplexobj(gain):
+        total.real -= np.einsum("aij,aij->ij", gain.imag, parts[1])
+        total.imag += np.einsum("aij,aij->ij", gain.imag, parts[0])
+    return total
+
+
+def _products(gains: Transfer) -> Floats:
+    """Means of the products of filters [filters, ..., columns / 2 + 1, rows] two by two over all frequencies."""
     # Frequencies stand for their negatives too, but for those of the first and the last column.
-    ends = sum(np.vdot(one[:, k], other[:, k]).real for k in (0, -1))
-    return float(2 * np.vdot(one, other).real - ends) / (2 * (one.size - len(one)))
+    every, ends = (part.reshape(len(gains), -1) for part in (gains, gains[..., [0, -1], :]))
+    sums = 2 * (every.conj() @ every.T).real - (ends.conj() @ ends.T).real
+    return np.asarray(sums / (2 * every.shape[1] - ends.shape[1]), dtype=np.float64)
 
 
 _RATIOS = np.geomspace(1e-4, 1e4, 401)

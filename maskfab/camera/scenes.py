@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
 from maskfab.base.errors import JobError, SourceError
-from maskfab.camera.imaging import MARGIN, Blur, Design, Margin, RestoredBy
+from maskfab.camera.imaging import MARGIN, Blur, Design, Margin, RestoredBy, upright
 from maskfab.display.pictures import Picture, read_picture
 from maskfab.optics.colour import code_of_light, light_of_code
 
@@ -115,7 +115,9 @@ def spectrum_of(scene: Photograph, *, linear: bool) -> NDArray[np.complex64]:
     Kept of the last four scenes: as many as are drawn, and all dies of a process look at these.
     """
     values = scene.light if linear else scene.values
-    spectrum = np.asarray(scipy.fft.rfft2(values, axes=(1, 2), workers=1))
+    made = scipy.fft.rfft2(values, axes=(1, 2), workers=1)
+    spectrum = upright(made.shape, np.complex64)
+    spectrum[:] = made
     spectrum.flags.writeable = False
     return spectrum
 

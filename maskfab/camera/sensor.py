@@ -19,8 +19,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -36,6 +39,34 @@ from maskfab.job.sections import ExposureSection
 LEVELS = (24, 32, 40)
 
 
+class Normals(Protocol):
+    """Whatever draws normal numbers, such as a generator of numpy."""
+
+    def standard_normal(self, size: Any, dtype: type[np.float32]) -> Singles:
+        """So many of them, or an array of that shape."""
+
+
+@dataclass
+class _Again:
+    """Normal numbers that were drawn before, and after them those of a generator."""
+
+    first: Singles
+    after: np.random.Generator
+
+    def standard_normal(self, size: Any, dtype: type[np.float32]) -> Singles:
+        count = math.prod(np.atleast_1d(size))
+        taken, self.first = self.first[:count], self.first[count:]
+        return taken.reshape(size) if len(taken) == count else self.after.standard_normal(size, dtype)
+
+
+@lru_cache(maxsize=3)
+def _first(seed: int, count: int) -> tuple[Singles, np.random.Generator]:
+    """The first normal numbers of a seed, and the generator after them; kept of as many as one scene has levels, for
+    every die is photographed in the same noise."""
+    draw = np.random.default_rng(seed)
+    return draw.standard_normal(count, dtype=np.float32), draw
+
+
 def record_light(
     sensor: Sensor, light: NDArray[np.float32], electrons: float, seed: int, *, gain: float | None = None
 ) -> Record:
@@ -49,8 +80,11 @@ def record_light(
         gain: analog gain; None for that of the sensor in this light.
     """
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
-    draw = np.random.default_rng(seed)
     plane = light if sensor.mosaic == "none" else sampled(light)
+    draw: Normals = np.random.default_rng(seed)
+    if plane.size <= _MOST_KEPT:
+        first, after = _first(seed, 2 * plane.size)
+        draw = _Again(first, deepcopy(after))
     full = np.float32(sensor.full_well)
     if sensor.bits is None:
         counted = _counted(sensor, plane, electrons, draw)
@@ -66,7 +100,7 @@ def record_light(
     return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
 
 
-def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
+def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: Normals) -> Singles:
     """Codes that the converter of an amplified sensor gives of light, less the black level: whole numbers.
 
     Args:
@@ -80,7 +114,7 @@ def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: np.random
     return np.clip(counted, -sensor.black_level, 2**sensor.bits - 1 - sensor.black_level, out=counted)
 
 
-def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
+def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: Normals) -> Singles:
     """Electrons with their noise, cut at a full well."""
     counted: Singles = np.empty(plane.shape, dtype=np.float32)
     seen, flat = plane.ravel(), counted.reshape(-1)
@@ -99,6 +133,8 @@ def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.G
 
 
 _AT_ONCE = 1 << 16
+_MOST_KEPT = 1 << 21
+"""Pixels of a picture whose normal numbers are kept: of three such they take 50 MB."""
 _SERIES_FROM = 4.0
 """Electrons from which on Poisson's quantile is taken from its series."""
 _MOST_OF_FEW = 48

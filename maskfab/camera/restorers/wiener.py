@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer, upright
 from maskfab.camera.record import Record
 from maskfab.optics.restoration import wiener_filter
 
@@ -26,9 +26,17 @@ PRIOR_CY_PER_PX = 0.1
 
 
 def prior(shape: tuple[int, int]) -> Singles:
-    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]."""
+    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]; read-only, of large ones not kept."""
+    return (_prior.__wrapped__ if Margin(shape).large else _prior)(shape)
+
+
+@lru_cache(maxsize=2)
+def _prior(shape: tuple[int, int]) -> Singles:
     y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
-    return np.asarray((y**2 + x**2) / PRIOR_CY_PER_PX**2, dtype=np.float32)
+    falling = upright((y.size, x.size), np.float32)
+    falling[:] = (y**2 + x**2) / PRIOR_CY_PER_PX**2
+    falling.flags.writeable = False
+    return falling
 
 
 def wiener(transfer: Transfer, inverse_prior: Singles, epsilon: float) -> Transfer:
@@ -64,19 +72,20 @@ class Ready:
         return picture
 
     def _by_columns(self, epsilon: float, picture: Singles) -> None:
-        """Restore a large picture into one; some columns of its spectrum and filter are held at a time."""
-        y, x = scipy.fft.fftfreq(self.margin.shape[0])[:, None], scipy.fft.rfftfreq(self.margin.shape[1])
-        for plane, seen, transfer in zip(picture, self.record, self.blur.on(self.margin.shape), strict=True):
+        """Restore a picture into one; some columns of its spectrum and filter are held at a time."""
+        shape, large = self.margin.shape, self.margin.large
+        y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
+        for plane, seen, transfer in zip(picture, self.record, self.blur.on(shape), strict=True):
 
             def filtered(part: slice, transfer: Transfer = transfer) -> Transfer:
-                falling = ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32)
+                falling = ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32) if large else prior(shape)[:, part]
                 return wiener(transfer[:, part], falling, epsilon)
 
             np.clip(self.margin.filtered(seen, filtered), 0.0, 1.0, out=plane)
 
     def sampled(self, epsilon: float, step: int) -> Singles:
-        """Every so many-th pixel of it both ways, see :meth:`Margin.rows`."""
-        colours = [self.margin.rows(*both, step)[:, :, ::step] for both in self._filtered(epsilon)]
+        """Every so many-th pixel of it both ways, see :meth:`Margin.blurred`."""
+        colours = [self.margin.blurred(*both, step)[:, :, ::step] for both in self._filtered(epsilon)]
         return np.clip(np.concatenate(colours), 0.0, 1.0)
 
     def _filtered(self, epsilon: float) -> Iterator[tuple[NDArray[np.complex64], Transfer]]:
@@ -107,6 +116,10 @@ class Wiener:
         colours = (record.values[colour : colour + 1] for colour in range(len(record.values)))
         spectra = None if margin.large else tuple(map(margin.mirrored, colours))
         return Ready(record.values, blur, margin, spectra)
+
+    def once(self, record: Record, blur: Blur) -> Ready:
+        """As :meth:`prepare`, for a single strength: nothing is kept for others."""
+        return Ready(record.values, blur, Margin.around(record.values, self.width), None)
 
 
 RESTORERS = (Wiener(),)
