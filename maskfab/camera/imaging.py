@@ -97,9 +97,9 @@ class Margin:
                     more = slice(start, start + few)
                     waves += spectrum[colour, more, part] * transfer[colour, more, part]
                 line[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[cut]
-        if step > 1:
-            lines /= np.float32(step)
-        return np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
+        seen = np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
+        seen *= np.float32(1 / step)
+        return seen
 
     def _parts(self) -> Iterator[slice]:
         """Few columns of ``rfft2`` after each other, all of them: so many fit a processor's own memory."""
@@ -134,8 +134,9 @@ class Margin:
             waves: a sum over what :meth:`folded` tells apart.
         """
         down, across = (slice(self.width // step, (side - self.width) // step) for side in self.shape)
-        lines = scipy.fft.ifft(waves, axis=1, overwrite_x=True, workers=1)[:, down] / np.float32(step**2)
-        return np.asarray(scipy.fft.irfft(lines, n=self.shape[1] // step, axis=0, workers=1)[across].T)
+        lines = scipy.fft.ifft(waves, axis=1, overwrite_x=True, workers=1)[:, down]
+        seen = scipy.fft.irfft(lines, n=self.shape[1] // step, axis=0, workers=1)[across].T
+        return np.asarray(seen * np.float32(step**-2))
 
     def through(self, light: Singles, transfer: Transfer) -> Singles:
         """Light on the sensor of a scene [3, rows, columns] whose points all spread alike, by H as of :class:`Blur`."""
@@ -157,12 +158,12 @@ class Margin:
 
     def _mirrored(self, plane: Singles) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
         """Columns of :meth:`mirrored` of one colour, few at a time, and which they are."""
-        width = self.width
-        lines = scipy.fft.rfft(np.pad(plane, [(0, 0), (width, width)], mode="reflect"), axis=1, workers=1)
+        around = (self.width, self.width)
+        lines = scipy.fft.rfft(np.pad(plane, [(0, 0), around], mode="reflect"), axis=1, workers=1)
+        rows = np.pad(np.arange(len(plane)), around, mode="reflect")
         for part in self._parts():
             tall = upright((self.shape[0], part.stop - part.start), np.complex64)
-            tall[width:-width] = lines[:, part]
-            tall[:width], tall[-width:] = tall[2 * width : width : -1], tall[-width - 2 : -2 * width - 2 : -1]
+            tall[:] = lines[rows, part]
             yield part, scipy.fft.fft(tall, axis=0, overwrite_x=True, workers=1)
 
     def filtered(self, plane: Singles, factor: Callable[[slice], Transfer]) -> Singles:

@@ -107,7 +107,7 @@ def test_a_sampled_picture_is_every_so_many_th_row_of_the_whole(step):
     values = np.random.default_rng(5).random((3, 40, 56)).astype(np.float32)
     margin = Margin((72, 88), 16)
     spectrum, transfer = margin.mirrored(values), np.random.default_rng(6).random((3, 72, 45), dtype=np.float32)
-    found, whole = margin.rows(spectrum, transfer, step), margin.blurred(spectrum, transfer)
+    found, whole = margin.blurred(spectrum, transfer, step), margin.blurred(spectrum, transfer)
     np.testing.assert_allclose(found, whole[:, ::step], atol=1e-5)
 
 

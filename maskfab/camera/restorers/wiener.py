@@ -26,7 +26,7 @@ PRIOR_CY_PER_PX = 0.1
 
 
 def prior(shape: tuple[int, int]) -> Singles:
-    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]; read-only, of large ones not kept."""
+    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]; read-only."""
     return (_prior.__wrapped__ if Margin(shape).large else _prior)(shape)
 
 
@@ -78,7 +78,9 @@ class Ready:
         for plane, seen, transfer in zip(picture, self.record, self.blur.on(shape), strict=True):
 
             def filtered(part: slice, transfer: Transfer = transfer) -> Transfer:
-                falling = ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32) if large else prior(shape)[:, part]
+                falling = (
+                    ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32) if large else prior(shape)[:, part]
+                )
                 return wiener(transfer[:, part], falling, epsilon)
 
             np.clip(self.margin.filtered(seen, filtered), 0.0, 1.0, out=plane)
