@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
 from maskfab.camera.record import Noise
-from maskfab.camera.restorers.wiener import prior, wiener
+from maskfab.camera.restorers.wiener import filters, prior, wiener
 from maskfab.optics.colour import code_of_light
 from maskfab.optics.restoration import squared_modulus
 
@@ -178,7 +178,7 @@ class Stills:
         """G, and the share of a record's variance that passes it in every row scored, as of :func:`_passed`; kept."""
         if (shape, epsilon) not in self._filters:
             self._filters.clear()
-            gains = wiener(self.blur.on(shape), prior(shape), epsilon)
+            gains = filters(self.blur, shape, epsilon)
             sides = shape[0] - 2 * MARGIN, shape[1] - 2 * MARGIN
             self._filters[shape, epsilon] = gains, [_passed(gain, sides, _step(sides[0])) for gain in gains]
         return self._filters[shape, epsilon]

@@ -137,7 +137,7 @@ class Protocol:
     ) -> Singles:
         """Code values of part of a photograph of light as ``seen``, restored by the Wiener filter."""
         record = self.record(seen, design, scene, level_db)
-        return self.shown(crop.of(Wiener().once(record, design)(epsilon)))
+        return self.shown(crop.of(Wiener().prepare(record, design)(epsilon)))
 
     def noise(self, seen: Iterable[Singles], design: Design, level_db: float) -> Noise | None:
         """Noise of records of light as ``seen``, where the same variance by light is all that there is to it.

@@ -18,12 +18,10 @@ are those of :func:`maskfab.job.camera.white_electrons`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -37,34 +35,6 @@ from maskfab.job.camera import REFERENCE_TRANSMISSION, USUAL_MAX_GAIN, Camera, S
 from maskfab.job.sections import ExposureSection
 
 LEVELS = (24, 32, 40)
-
-
-class Normals(Protocol):
-    """Whatever draws normal numbers, such as a generator of numpy."""
-
-    def standard_normal(self, size: Any, dtype: type[np.float32]) -> Singles:
-        """So many of them, or an array of that shape."""
-
-
-@dataclass
-class _Again:
-    """Normal numbers that were drawn before, and after them those of a generator."""
-
-    first: Singles
-    after: np.random.Generator
-
-    def standard_normal(self, size: Any, dtype: type[np.float32]) -> Singles:
-        count = math.prod(np.atleast_1d(size))
-        taken, self.first = self.first[:count], self.first[count:]
-        return taken.reshape(size) if len(taken) == count else self.after.standard_normal(size, dtype)
-
-
-@lru_cache(maxsize=3)
-def _first(seed: int, count: int) -> tuple[Singles, np.random.Generator]:
-    """The first normal numbers of a seed, and the generator after them; kept of as many as one scene has levels, for
-    every die is photographed in the same noise."""
-    draw = np.random.default_rng(seed)
-    return draw.standard_normal(count, dtype=np.float32), draw
 
 
 def record_light(
@@ -81,15 +51,13 @@ def record_light(
     """
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
     plane = light if sensor.mosaic == "none" else sampled(light)
-    draw: Normals = np.random.default_rng(seed)
-    if plane.size <= _MOST_KEPT:
-        first, after = _first(seed, 2 * plane.size)
-        draw = _Again(first, deepcopy(after))
+    sizes = _draws(sensor, plane)
+    draws = iter(_kept(seed, sizes)) if plane.size <= _MOST_KEPT else _normals(np.random.default_rng(seed), sizes)
     full = np.float32(sensor.full_well)
     if sensor.bits is None:
-        counted = _counted(sensor, plane, electrons, draw)
+        counted = _counted(sensor, plane, electrons, draws)
     else:
-        counted = read_codes(sensor, plane, electrons, draw)
+        counted = _converted(sensor, _counted(sensor, plane, electrons, draws))
         counted *= np.float32(sensor.step)
         full = np.float32(2**sensor.bits - 1 - sensor.black_level) * np.float32(sensor.step)
     counted /= np.float32(electrons)
@@ -100,35 +68,51 @@ def record_light(
     return Record(values, Noise(electrons, dark, sensor.step), ceiling, sensor.mosaic != "none")
 
 
-def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: Normals) -> Singles:
+def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
     """Codes that the converter of an amplified sensor gives of light, less the black level: whole numbers.
 
     Args:
         plane: light on the pixels in units of white, [..., rows, columns].
         electrons: of white.
     """
+    return _converted(sensor, _counted(sensor, plane, electrons, _normals(draw, _draws(sensor, plane))))
+
+
+def _converted(sensor: Sensor, counted: Singles) -> Singles:
+    """Codes of electrons, in their place."""
     assert sensor.bits is not None
-    counted = _counted(sensor, plane, electrons, draw)
     counted /= np.float32(sensor.step)
     np.rint(counted, out=counted)
     return np.clip(counted, -sensor.black_level, 2**sensor.bits - 1 - sensor.black_level, out=counted)
 
 
-def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: Normals) -> Singles:
+def _draws(sensor: Sensor, plane: Singles) -> tuple[tuple[int, ...], ...]:
+    """Shapes of the normal numbers of a record, in their order: part by part, which takes little beside the record."""
+    parts = tuple((min(_AT_ONCE, plane.size - start),) for start in range(0, plane.size, _AT_ONCE))
+    return (*parts, *parts, *([(plane.shape[-2], 1)] if sensor.banding else []))
+
+
+def _normals(draw: np.random.Generator, shapes: Iterable[tuple[int, ...]]) -> Iterator[Singles]:
+    return (draw.standard_normal(shape, dtype=np.float32) for shape in shapes)
+
+
+@lru_cache(maxsize=3)
+def _kept(seed: int, shapes: tuple[tuple[int, ...], ...]) -> tuple[Singles, ...]:
+    """Those of a seed; kept of as many as a scene has levels, for every die is photographed in the same noise."""
+    return tuple(_normals(np.random.default_rng(seed), shapes))
+
+
+def _counted(sensor: Sensor, plane: Singles, electrons: float, normals: Iterator[Singles]) -> Singles:
     """Electrons with their noise, cut at a full well."""
     counted: Singles = np.empty(plane.shape, dtype=np.float32)
     seen, flat = plane.ravel(), counted.reshape(-1)
     parts = [slice(start, min(start + _AT_ONCE, seen.size)) for start in range(0, seen.size, _AT_ONCE)]
-    # Part by part in the same order as all at once, which takes little beside the record itself.
     for part in parts:
-        mean = np.maximum(seen[part], 0) * np.float32(electrons)
-        normal = draw.standard_normal(mean.size, dtype=np.float32)
-        flat[part] = poisson_quantile(mean, normal)
+        flat[part] = poisson_quantile(np.maximum(seen[part], 0) * np.float32(electrons), next(normals))
     for part in parts:
-        noise = draw.standard_normal(part.stop - part.start, dtype=np.float32)
-        flat[part] += np.float32(sensor.read_noise) * noise
+        flat[part] += np.float32(sensor.read_noise) * next(normals)
     if sensor.banding:
-        counted += np.float32(sensor.banding) * draw.standard_normal((counted.shape[-2], 1), dtype=np.float32)
+        counted += np.float32(sensor.banding) * next(normals)
     return np.minimum(counted, np.float32(sensor.full_well), out=counted)
 
 
