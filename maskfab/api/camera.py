@@ -234,7 +234,7 @@ def _kept_lags(panel: Tiled, camera: Lens) -> LagTable:
     from maskfab.optics.lags import lag_table
     from maskfab.optics.mtf import longest_lag_um
 
-    return lag_table(_pupil(panel, camera, as_bytes=True), longest_lag_um(camera))
+    return lag_table(_pupil(panel, camera), longest_lag_um(camera))
 
 
 def _is_kept(panel: Tiled, camera: Lens) -> bool:
@@ -242,14 +242,14 @@ def _is_kept(panel: Tiled, camera: Lens) -> bool:
     return intervals <= _MOST_KEPT
 
 
-def _pupil(panel: Tiled, camera: Lens, *, as_bytes: bool = False) -> Pupil:
+def _pupil(panel: Tiled, camera: Lens) -> Pupil:
     from maskfab.mask.panels import check_cover
     from maskfab.optics.pupil import cut, panel_aperture
 
     check_lens(camera, where="Camera: stop")
     check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
     check_cover(panel, camera.stop, "the panel", where="Camera: stop")
-    return cut(panel_aperture(panel, camera.stop.diameter_um / 2, as_bytes=as_bytes), camera.stop)
+    return cut(panel_aperture(panel, camera.stop.diameter_um / 2, as_bytes=True), camera.stop)
 
 
 def _stop(stated: Length | Mapping[str, object]) -> object:

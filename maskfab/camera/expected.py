@@ -28,6 +28,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 import scipy
@@ -36,7 +37,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
 from maskfab.camera.record import Noise
-from maskfab.camera.restorers.wiener import prior, wiener
+from maskfab.camera.restorers.wiener import filters, prior, wiener
 from maskfab.optics.colour import code_of_light
 from maskfab.optics.restoration import squared_modulus
 
@@ -46,27 +47,29 @@ _MANY_ROWS = 512
 """Of so many every second one tells PSNR of a scene within 0.03 dB; of fewer it may err by 0.1."""
 _MOST_APART = 3.2
 """Ratio of neighbouring ε that pictures are restored by to choose one; between them PSNR errs by 0.01 dB."""
+_AT_A_TIME = 32
+"""Rows that errors are found of at a time."""
 _SPREADS = np.geomspace(2e-4, 2, 96)
 _LEAST, _MOST, _PER_LIGHT, _BEYOND = -1, 2, 4096, 4
 """Light that the tables hold, their steps in 1, and how far to either side the curve goes on for them."""
 
 
 @cache
-def _of_normal(linear: bool) -> tuple[Singles, Singles]:
-    """Mean of the code value of normal light, and its variance over that of the light, [spreads, lights] raveled."""
+def _of_normal(linear: bool) -> NDArray[np.complex64]:
+    """Mean of the code value of normal light, and as its imaginary part its variance over that of the light, [spreads,
+    lights] raveled: one place of memory is read for both."""
     light = np.arange((_LEAST - _BEYOND) * _PER_LIGHT, (_MOST + _BEYOND) * _PER_LIGHT) / _PER_LIGHT
     code = code_of_light(light) if linear else np.clip(light, 0, 1)
     kept = slice(_BEYOND * _PER_LIGHT, -_BEYOND * _PER_LIGHT)
     # A cosine transform mirrors the curve at its ends, where it is level.
     terms = scipy.fft.dct(np.stack([code, code**2]), workers=1)
     f = np.arange(light.size) * (_PER_LIGHT / (2 * light.size))
-    means, ratios = [], []
-    for spread in _SPREADS:
+    table = np.empty((len(_SPREADS), (_MOST - _LEAST) * _PER_LIGHT), dtype=np.complex64)
+    for spread, both in zip(_SPREADS, table, strict=True):
         damped = terms * np.exp(-2 * (np.pi * spread * f) ** 2)
         mean, square = scipy.fft.idct(damped, workers=1, overwrite_x=True)[:, kept]
-        means.append(mean.astype(np.float32))
-        ratios.append((np.maximum(square - mean**2, 0) / spread**2).astype(np.float32))
-    return np.concatenate(means), np.concatenate(ratios)
+        both.real, both.imag = mean, np.maximum(square - mean**2, 0) / spread**2
+    return table.ravel()
 
 
 @lru_cache(maxsize=4)
@@ -75,6 +78,10 @@ def _between(shape: tuple[int, ...]) -> Singles:
     rows, columns = shape
     # M. Roberts' sequence in two dimensions, by powers of the plastic number.
     return np.asarray((0.7548777 * np.arange(rows)[:, None] + 0.5698403 * np.arange(columns)) % 1, dtype=np.float32)
+
+
+Passed = tuple[Singles | Floats, ...]
+"""Share of a record's variance that passes a filter, as factors by row, by column or neither."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +116,9 @@ class Stills:
     stills: Mapping[int, Still]
     few: Mapping[int, tuple[Singles, Singles, Singles]]
     products: Mapping[tuple[int, int], Floats]
-    _filters: dict[tuple[tuple[int, int], float], tuple[Transfer, Singles]] = field(default_factory=dict, repr=False)
+    _filters: dict[tuple[tuple[int, int], float], tuple[Transfer, Sequence[Passed]]] = field(
+        default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(cls, blur: Blur, stills: Mapping[int, Still], between: tuple[float, float], *, linear: bool) -> Stills:
@@ -122,16 +131,22 @@ class Stills:
             true, seen = (np.ascontiguousarray(each[:, ::_FEW, ::_FEW]) for each in (still.true, still.seen))
             few[key] = np.empty((count, *seen.shape), np.float32), true, seen
         products = {still.margin.shape: np.empty((len(still.seen), count, count)) for still in stills.values()}
-        for shape, product in products.items() if nodes else ():
-            inverse_prior = prior(shape)
+        for shape, means in products.items() if nodes else ():
+            alike = {key: still for key, still in stills.items() if still.margin.shape == shape}
+            margin = next(iter(alike.values())).margin
+            inverse_prior = margin.folded(prior(shape), _FEW)
             # Colour by colour, whose filters take a third.
             for colour, transfer in enumerate(blur.on(shape)):
-                gains = [wiener(transfer, inverse_prior, node) for node in nodes]
-                product[colour] = [[_product(one, other) for other in gains] for one in gains]
-                for key, still in stills.items():
-                    for k, gain in enumerate(gains) if still.margin.shape == shape else ():
-                        rows = still.margin.rows(still.spectrum[colour, None], gain[None], _FEW)
-                        few[key][0][k, colour] = rows[0, :, ::_FEW]
+                folded = margin.folded(transfer, _FEW)
+                gains = np.empty((count, *folded.shape), dtype=folded.dtype)
+                for gain, node in zip(gains, nodes, strict=True):
+                    gain[:] = wiener(folded, inverse_prior, node)
+                means[colour] = _products(gains)
+                for key, still in alike.items():
+                    waves = margin.folded(still.spectrum[colour], _FEW)
+                    parts = np.stack([waves.real, waves.imag])
+                    for k, gain in enumerate(gains):
+                        few[key][0][k, colour] = margin.few(_summed(gain, parts), _FEW)
         return cls(blur, linear, nodes, stills, few, products)
 
     def best(self, keys: Iterable[int], noise: Noise, strengths: Sequence[float], start: int) -> int:
@@ -143,7 +158,9 @@ class Stills:
         mixed, total = weights(epsilon, self.nodes), 0.0
         for key in keys:
             restored, true, seen = self.few[key]
-            passed = (self.products[self.stills[key].margin.shape] @ mixed @ mixed)[:, None, None]
+            passed = [
+                (share,) for share in (self.products[self.stills[key].margin.shape] @ mixed @ mixed)[:, None, None]
+            ]
             light = np.tensordot(mixed.astype(np.float32), restored, axes=1)
             total += _decibels(_errors(light, true, seen, passed, noise, linear=self.linear))
         return total
@@ -153,47 +170,46 @@ class Stills:
         still = self.stills[key]
         step = _step(still.seen.shape[1])
         gains, passed = self._filter(still.margin.shape, epsilon)
-        light = still.margin.rows(still.spectrum, gains, step)
+        light = still.margin.blurred(still.spectrum, gains, step)
         errors = _errors(light, still.true[:, ::step], still.seen[:, ::step], passed, noise, linear=self.linear)
         return _decibels(errors), _decibels(errors[:, trim // step : -trim // step, trim:-trim])
 
-    def _filter(self, shape: tuple[int, int], epsilon: float) -> tuple[Transfer, Singles]:
+    def _filter(self, shape: tuple[int, int], epsilon: float) -> tuple[Transfer, Sequence[Passed]]:
         """G, and the share of a record's variance that passes it in every row scored, as of :func:`_passed`; kept."""
         if (shape, epsilon) not in self._filters:
             self._filters.clear()
-            gains = wiener(self.blur.on(shape), prior(shape), epsilon)
+            gains = filters(self.blur, shape, epsilon)
             sides = shape[0] - 2 * MARGIN, shape[1] - 2 * MARGIN
-            self._filters[shape, epsilon] = (
-                gains,
-                np.stack([_passed(gain, sides)[:: _step(sides[0])] for gain in gains]),
-            )
+            self._filters[shape, epsilon] = gains, [_passed(gain, sides, _step(sides[0])) for gain in gains]
         return self._filters[shape, epsilon]
 
 
 def _errors(
-    restored: Singles, true: Singles, seen: Singles, passed: Floats | Singles, noise: Noise, *, linear: bool
+    restored: Singles, true: Singles, seen: Singles, passed: Sequence[Passed], noise: Noise, *, linear: bool
 ) -> Singles:
-    """Expected squared errors of code values, [3, rows, columns]."""
-    means, ratios = _of_normal(linear)
+    """Expected squared errors of code values, [3, rows, columns], in place of the restored light."""
+    table = _of_normal(linear)
     lights, apart = (_MOST - _LEAST) * _PER_LIGHT, math.log(_SPREADS[1] / _SPREADS[0])
     from_first = _between(restored.shape[1:]) - np.float32(math.log(_SPREADS[0]) / apart)
-    # Colour by colour, which fits a processor's own memory.
-    for colour, share in enumerate(passed):
-        error = restored[colour]
-        variance = noise.variance(seen[colour])
-        variance *= share.astype(np.float32)
+    # Some rows of a colour at a time, which fit a processor's own memory.
+    for colour, start in product(range(len(restored)), range(0, restored.shape[1], _AT_A_TIME)):
+        rows = slice(start, start + _AT_A_TIME)
+        error, variance = restored[colour, rows], noise.variance(seen[colour, rows])
+        for share in passed[colour]:
+            variance *= share[rows] if len(share) > 1 else share
         spread = np.log(np.maximum(variance, np.float32(_SPREADS[0] ** 2)))
         spread *= np.float32(0.5 / apart)
-        spread += from_first
-        place = np.minimum(spread, np.float32(len(_SPREADS) - 1)).astype(np.intp)
-        place *= lights
+        spread += from_first[rows]
+        # Places are whole numbers that float32 holds.
+        place = np.floor(np.minimum(spread, np.float32(len(_SPREADS) - 1), out=spread), out=spread)
+        place *= np.float32(lights)
         error *= np.float32(_PER_LIGHT)
         error += np.float32(0.5 - _LEAST * _PER_LIGHT)
-        place += np.clip(error, 0, lights - 1, out=error).astype(np.intp)
-        means.take(place, out=error, mode="clip")
-        error -= true[colour]
+        place += np.floor(np.clip(error, 0, lights - 1, out=error), out=error)
+        found = table.take(place.astype(np.intp), mode="clip")
+        np.subtract(found.real, true[colour, rows], out=error)
         error *= error
-        variance *= ratios.take(place, mode="clip")
+        variance *= found.imag
         error += variance
     return restored
 
@@ -208,8 +224,9 @@ def _decibels(errors: Singles) -> float:
     return -10 * math.log10(mean) if mean > 0 else math.inf
 
 
-def _passed(gain: Transfer, sides: tuple[int, int]) -> Singles:
-    """Share of a record's variance that a filter [rows, half] lets through at every pixel of the sensor [y, x].
+def _passed(gain: Transfer, sides: tuple[int, int], step: int = 1) -> Passed:
+    """Share of a record's variance that a filter [rows, half] lets through at every pixel of every so many-th row of
+    the sensor, as factors [y, 1] and [x].
 
     At d pixels from an edge, beyond which the record is mirrored, noise meets its own image 2 d away: that adds the
     filter's correlation there, less what the edge's own pixels, which are not doubled, have in it.
@@ -226,7 +243,8 @@ def _passed(gain: Transfer, sides: tuple[int, int]) -> Singles:
     turned = some[-np.arange(len(some))]
     lines = scipy.fft.irfft(some, axis=1, workers=1)
     across = _at_edges(scipy.fft.irfft((some * turned).mean(axis=0)), (lines * lines).mean(axis=0), sides[1])
-    return np.asarray(_product(gain, gain) * up[:, None] * across, dtype=np.float32)
+    down = _products(gain.T[None])[0, 0] * up[::step, None]
+    return down.astype(np.float32), across[None].astype(np.float32)
 
 
 def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
@@ -237,11 +255,22 @@ def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
     return np.asarray(1 + more + more[::-1])
 
 
-def _product(one: Transfer, other: Transfer) -> float:
-    """Mean of the product of two filters [rows, half], of pictures of even width, over all frequencies."""
+def _summed(gain: Transfer, parts: Singles) -> NDArray[np.complex64]:
+    """Sum over the frequencies that fold together, [columns, rows], of a filter times the parts of a spectrum."""
+    total = np.empty(gain.shape[1:], dtype=np.complex64)
+    total.real, total.imag = (np.einsum("aij,aij->ij", gain.real, part) for part in parts)
+    if np.iscomplexobj(gain):
+        total.real -= np.einsum("aij,aij->ij", gain.imag, parts[1])
+        total.imag += np.einsum("aij,aij->ij", gain.imag, parts[0])
+    return total
+
+
+def _products(gains: Transfer) -> Floats:
+    """Means of the products of filters [filters, ..., columns / 2 + 1, rows] two by two over all frequencies."""
     # Frequencies stand for their negatives too, but for those of the first and the last column.
-    ends = sum(np.vdot(one[:, k], other[:, k]).real for k in (0, -1))
-    return float(2 * np.vdot(one, other).real - ends) / (2 * (one.size - len(one)))
+    every, ends = (part.reshape(len(gains), -1) for part in (gains, gains[..., [0, -1], :]))
+    sums = 2 * (every.conj() @ every.T).real - (ends.conj() @ ends.T).real
+    return np.asarray(sums / (2 * every.shape[1] - ends.shape[1]), dtype=np.float64)
 
 
 _RATIOS = np.geomspace(1e-4, 1e4, 401)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import scipy
@@ -14,6 +14,11 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Singles
 
 Transfer = NDArray[np.float32] | NDArray[np.complex64]
+
+
+def upright(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
+    """Room for pictures or spectra [..., rows, columns], each column in one piece, as it is transformed."""
+    return np.empty((*shape[:-2], shape[-1], shape[-2]), dtype=dtype).swapaxes(-1, -2)
 
 
 class Blur(Protocol):
@@ -32,8 +37,8 @@ class Blur(Protocol):
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
 
-_AT_A_TIME = 128
-"""Rows or columns that are transformed of a large picture."""
+_AT_A_TIME = 64
+"""Columns that are transformed at a time."""
 LARGE = 8_000_000
 """Pixels of a picture from which on nothing is kept that can be computed again."""
 
@@ -75,28 +80,63 @@ class Margin:
         around = (self.width, self.width)
         return np.pad(picture, [(0, 0), around, around])
 
-    def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
-        """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
-        lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
-        rows, columns = self._cut
-        wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
-        return np.asarray(wide[:, :, columns])
+    def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer, step: int = 1) -> Singles:
+        """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels.
 
-    def rows(self, spectrum: NDArray[np.complex64], transfer: Transfer, step: int) -> Singles:
-        """Every so many-th row of :meth:`blurred`, where the step divides its sides and the margin's width.
-
-        Of every k-th row the spectrum is the sum of the k parts of the whole one, over k, so that little is
-        transformed.
+        Args:
+            step: from one row to the next that is wanted; it divides its sides and the margin's width. Of every k-th
+                row the spectrum is the mean of the k parts of the whole one, so that little is transformed.
         """
-        few = self.shape[0] // step
-        lines = spectrum[:, :few] * transfer[:, :few]
-        part = np.empty_like(lines)
-        for start in range(few, self.shape[0], few):
-            lines += np.multiply(spectrum[:, start : start + few], transfer[:, start : start + few], out=part)
-        lines /= np.float32(step)
-        lines = scipy.fft.ifft(lines, axis=1, overwrite_x=True, workers=1)
-        taken = lines[:, self.width // step : few - self.width // step]
-        return np.asarray(scipy.fft.irfft(taken, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
+        few, cut = self.shape[0] // step, slice(self.width // step, (self.shape[0] - self.width) // step)
+        spectrum, transfer = np.broadcast_arrays(spectrum, transfer)
+        lines = upright((len(spectrum), cut.stop - cut.start, self.shape[1] // 2 + 1), np.complex64)
+        for colour, line in enumerate(lines):
+            for part in self._parts():
+                waves = spectrum[colour, :few, part] * transfer[colour, :few, part]
+                for start in range(few, self.shape[0], few):
+                    more = slice(start, start + few)
+                    waves += spectrum[colour, more, part] * transfer[colour, more, part]
+                line[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[cut]
+        seen = np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
+        seen *= np.float32(1 / step)
+        return seen
+
+    def _parts(self) -> Iterator[slice]:
+        """Few columns of ``rfft2`` after each other, all of them: so many fit a processor's own memory."""
+        half = self.shape[1] // 2 + 1
+        return (slice(first, min(first + _AT_A_TIME, half)) for first in range(0, half, _AT_A_TIME))
+
+    def folded(self, spectrum: NDArray[Any], step: int) -> NDArray[Any]:
+        """Frequencies of one colour's ``rfft2`` that are one where only every so many-th pixel both ways is left.
+
+        Args:
+            step: even; it divides a quarter of both sides.
+
+        Returns:
+            [step², columns / 2 + 1, rows] of the few pixels' ``rfft2``; that is the mean over the first axis.
+        """
+        rows, columns = self.shape[0] // step, self.shape[1] // step
+        half = np.arange(columns // 2 + 1)
+        parts = np.empty((step, step, half.size, rows), dtype=spectrum.dtype)
+        for k, part in enumerate(parts):
+            if 2 * k < step:
+                waves = spectrum.T[k * columns + half]
+            else:
+                # Those of the other half are their opposites', conjugate.
+                waves = spectrum.T[self.shape[1] - k * columns - half][:, -np.arange(self.shape[0])].conj()
+            part[:] = waves.reshape(half.size, step, rows).swapaxes(0, 1)
+        return parts.reshape(step**2, half.size, rows)
+
+    def few(self, waves: NDArray[np.complex64], step: int) -> Singles:
+        """Every so many-th pixel of the sensor both ways, [rows, columns], by their ``rfft2`` [columns / 2 + 1, rows].
+
+        Args:
+            waves: a sum over what :meth:`folded` tells apart.
+        """
+        down, across = (slice(self.width // step, (side - self.width) // step) for side in self.shape)
+        lines = scipy.fft.ifft(waves, axis=1, overwrite_x=True, workers=1)[:, down]
+        seen = scipy.fft.irfft(lines, n=self.shape[1] // step, axis=0, workers=1)[across].T
+        return np.asarray(seen * np.float32(step**-2))
 
     def through(self, light: Singles, transfer: Transfer) -> Singles:
         """Light on the sensor of a scene [3, rows, columns] whose points all spread alike, by H as of :class:`Blur`."""
@@ -110,10 +150,21 @@ class Margin:
 
     def mirrored(self, record: Singles) -> NDArray[np.complex64]:
         """``rfft2`` of a record [3, sensor rows, sensor columns] mirrored at its edges (their pixels not doubled)."""
-        around = [(0, 0), (0, 0), (self.width, self.width)]
-        lines = scipy.fft.rfft(np.pad(record, around, mode="reflect"), axis=2, workers=1)
-        tall = np.pad(lines, [(0, 0), (self.width, self.width), (0, 0)], mode="reflect")
-        return np.asarray(scipy.fft.fft(tall, axis=1, overwrite_x=True, workers=1))
+        waves = upright((len(record), self.shape[0], self.shape[1] // 2 + 1), np.complex64)
+        for plane, wave in zip(record, waves, strict=True):
+            for part, tall in self._mirrored(plane):
+                wave[:, part] = tall
+        return waves
+
+    def _mirrored(self, plane: Singles) -> Iterator[tuple[slice, NDArray[np.complex64]]]:
+        """Columns of :meth:`mirrored` of one colour, few at a time, and which they are."""
+        around = (self.width, self.width)
+        lines = scipy.fft.rfft(np.pad(plane, [(0, 0), around], mode="reflect"), axis=1, workers=1)
+        rows = np.pad(np.arange(len(plane)), around, mode="reflect")
+        for part in self._parts():
+            tall = upright((self.shape[0], part.stop - part.start), np.complex64)
+            tall[:] = lines[rows, part]
+            yield part, scipy.fft.fft(tall, axis=0, overwrite_x=True, workers=1)
 
     def filtered(self, plane: Singles, factor: Callable[[slice], Transfer]) -> Singles:
         """One colour [rows, columns] of :meth:`blurred` of :meth:`mirrored`, with little beyond it held at a time.
@@ -121,21 +172,11 @@ class Margin:
         Args:
             factor: [rows, columns] of some columns of ``rfft2``.
         """
-        (rows, columns), half = self._cut, self.shape[1] // 2 + 1
-        lines, around = np.empty((len(plane), half), dtype=np.complex64), (self.width, self.width)
-        for first in range(0, len(plane), _AT_A_TIME):
-            part = slice(first, first + _AT_A_TIME)
-            lines[part] = scipy.fft.rfft(np.pad(plane[part], [(0, 0), around], mode="reflect"), axis=1, workers=1)
-        for first in range(0, half, _AT_A_TIME):
-            part = slice(first, first + _AT_A_TIME)
-            tall = np.pad(lines[:, part], [around, (0, 0)], mode="reflect")
-            waves = scipy.fft.fft(tall, axis=0, overwrite_x=True, workers=1) * factor(part)
-            lines[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[rows]
-        seen = np.empty_like(plane)
-        for first in range(0, len(plane), _AT_A_TIME):
-            part = slice(first, first + _AT_A_TIME)
-            seen[part] = scipy.fft.irfft(lines[part], n=self.shape[1], axis=1, workers=1)[:, columns]
-        return seen
+        rows, columns = self._cut
+        lines = upright((len(plane), self.shape[1] // 2 + 1), np.complex64)
+        for part, tall in self._mirrored(plane):
+            lines[:, part] = scipy.fft.ifft(tall * factor(part), axis=0, overwrite_x=True, workers=1)[rows]
+        return np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=1, workers=1)[:, columns])
 
 
 class Design(Blur, Protocol):
@@ -176,6 +217,9 @@ class KeptBlur(ABC):
         if shape in self._kept:
             return self._kept[shape]
         transfer = self._transfer(shape)
+        if not Margin(shape).large:
+            made, transfer = transfer, upright(transfer.shape, transfer.dtype.type)
+            transfer[:] = made
         transfer.flags.writeable = False
         if not Margin(shape).large:
             self._kept[shape] = transfer

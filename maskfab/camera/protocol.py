@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -131,9 +132,11 @@ class Protocol:
         """One scene through one design at one level of light."""
         return self.record(self.seen(design, scene), design, scene, level_db)
 
-    def restored(self, design: Design, scene: Photograph, level_db: float, epsilon: float, crop: Crop) -> Singles:
-        """Code values of part of such a photograph, restored by the Wiener filter."""
-        record = self.photograph(design, scene, level_db)
+    def restored(
+        self, seen: Singles, design: Design, scene: Photograph, level_db: float, epsilon: float, crop: Crop
+    ) -> Singles:
+        """Code values of part of a photograph of light as ``seen``, restored by the Wiener filter."""
+        record = self.record(seen, design, scene, level_db)
         return self.shown(crop.of(Wiener().prepare(record, design)(epsilon)))
 
     def noise(self, seen: Iterable[Singles], design: Design, level_db: float) -> Noise | None:
@@ -190,6 +193,7 @@ def evaluate(
     details: bool = True,
     colours: bool = True,
     expected: bool = False,
+    seen: Mapping[str, Singles] = MappingProxyType({}),
     show: Callable[[Score, Singles], None] | None = None,
 ) -> ScoreTable:
     """Score every design on every test scene at every level, restored in every way.
@@ -202,6 +206,7 @@ def evaluate(
         colours: of these, S-CIELAB.
         expected: take PSNR on the mean over the noise and choose ε by it, rather than in one draw, where the Wiener
             filter alone restores and :meth:`Protocol.noise` is all that the sensor adds.
+        seen: light of scenes behind the one design, by their names, where it is known; as of :meth:`Protocol.seen`.
         show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
     Raises:
@@ -217,12 +222,16 @@ def evaluate(
         bright = protocol.brightness(design)
         if details and bright not in likenesses:
             likenesses = {bright: {id(s): Truth(_times(bright, scenes[id(s)].true)) for s in test}}
-        seen = {key: protocol.seen(design, scene) for key, scene in scenes.items() if not scene.margin.large}
+        light = {
+            key: seen[scene.name] if scene.name in seen else protocol.seen(design, scene)
+            for key, scene in scenes.items()
+            if not scene.margin.large
+        }
         known: dict[float, tuple[float, Noise, Stills]] = {}
-        if expected and tuple(restorers) == WIENER and not choose and len(seen) == len(scenes) and not protocol.dimmed:
-            known = _known(protocol, design, levels, scenes, seen, [*map(id, tuning)])
+        if expected and tuple(restorers) == WIENER and not choose and len(light) == len(scenes) and not protocol.dimmed:
+            known = _known(protocol, design, levels, scenes, light, [*map(id, tuning)])
         for level in sorted(levels):
-            case = _Case(protocol, design, level, scenes, seen, likenesses.get(bright, {}), colours)
+            case = _Case(protocol, design, level, scenes, light, likenesses.get(bright, {}), colours)
             if level in known:
                 scored = case.expected(test, *known[level], pictures=show is not None)
             else:

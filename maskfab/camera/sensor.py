@@ -18,8 +18,9 @@ are those of :func:`maskfab.job.camera.white_electrons`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -49,13 +50,14 @@ def record_light(
         gain: analog gain; None for that of the sensor in this light.
     """
     sensor = sensor.amplified(sensor.gain_for(electrons) if gain is None else gain)
-    draw = np.random.default_rng(seed)
     plane = light if sensor.mosaic == "none" else sampled(light)
+    sizes = _draws(sensor, plane)
+    draws = iter(_kept(seed, sizes)) if plane.size <= _MOST_KEPT else _normals(np.random.default_rng(seed), sizes)
     full = np.float32(sensor.full_well)
     if sensor.bits is None:
-        counted = _counted(sensor, plane, electrons, draw)
+        counted = _counted(sensor, plane, electrons, draws)
     else:
-        counted = read_codes(sensor, plane, electrons, draw)
+        counted = _converted(sensor, _counted(sensor, plane, electrons, draws))
         counted *= np.float32(sensor.step)
         full = np.float32(2**sensor.bits - 1 - sensor.black_level) * np.float32(sensor.step)
     counted /= np.float32(electrons)
@@ -73,32 +75,50 @@ def read_codes(sensor: Sensor, plane: Singles, electrons: float, draw: np.random
         plane: light on the pixels in units of white, [..., rows, columns].
         electrons: of white.
     """
+    return _converted(sensor, _counted(sensor, plane, electrons, _normals(draw, _draws(sensor, plane))))
+
+
+def _converted(sensor: Sensor, counted: Singles) -> Singles:
+    """Codes of electrons, in their place."""
     assert sensor.bits is not None
-    counted = _counted(sensor, plane, electrons, draw)
     counted /= np.float32(sensor.step)
     np.rint(counted, out=counted)
     return np.clip(counted, -sensor.black_level, 2**sensor.bits - 1 - sensor.black_level, out=counted)
 
 
-def _counted(sensor: Sensor, plane: Singles, electrons: float, draw: np.random.Generator) -> Singles:
+def _draws(sensor: Sensor, plane: Singles) -> tuple[tuple[int, ...], ...]:
+    """Shapes of the normal numbers of a record, in their order: part by part, which takes little beside the record."""
+    parts = tuple((min(_AT_ONCE, plane.size - start),) for start in range(0, plane.size, _AT_ONCE))
+    return (*parts, *parts, *([(plane.shape[-2], 1)] if sensor.banding else []))
+
+
+def _normals(draw: np.random.Generator, shapes: Iterable[tuple[int, ...]]) -> Iterator[Singles]:
+    return (draw.standard_normal(shape, dtype=np.float32) for shape in shapes)
+
+
+@lru_cache(maxsize=3)
+def _kept(seed: int, shapes: tuple[tuple[int, ...], ...]) -> tuple[Singles, ...]:
+    """Those of a seed; kept of as many as a scene has levels, for every die is photographed in the same noise."""
+    return tuple(_normals(np.random.default_rng(seed), shapes))
+
+
+def _counted(sensor: Sensor, plane: Singles, electrons: float, normals: Iterator[Singles]) -> Singles:
     """Electrons with their noise, cut at a full well."""
     counted: Singles = np.empty(plane.shape, dtype=np.float32)
     seen, flat = plane.ravel(), counted.reshape(-1)
     parts = [slice(start, min(start + _AT_ONCE, seen.size)) for start in range(0, seen.size, _AT_ONCE)]
-    # Part by part in the same order as all at once, which takes little beside the record itself.
     for part in parts:
-        mean = np.maximum(seen[part], 0) * np.float32(electrons)
-        normal = draw.standard_normal(mean.size, dtype=np.float32)
-        flat[part] = poisson_quantile(mean, normal)
+        flat[part] = poisson_quantile(np.maximum(seen[part], 0) * np.float32(electrons), next(normals))
     for part in parts:
-        noise = draw.standard_normal(part.stop - part.start, dtype=np.float32)
-        flat[part] += np.float32(sensor.read_noise) * noise
+        flat[part] += np.float32(sensor.read_noise) * next(normals)
     if sensor.banding:
-        counted += np.float32(sensor.banding) * draw.standard_normal((counted.shape[-2], 1), dtype=np.float32)
+        counted += np.float32(sensor.banding) * next(normals)
     return np.minimum(counted, np.float32(sensor.full_well), out=counted)
 
 
 _AT_ONCE = 1 << 16
+_MOST_KEPT = 1 << 21
+"""Pixels of a picture whose normal numbers are kept: of three such they take 50 MB."""
 _SERIES_FROM = 4.0
 """Electrons from which on Poisson's quantile is taken from its series."""
 _MOST_OF_FEW = 48

@@ -5,15 +5,17 @@ A placement is measured on a tile in which every pair of neighbours meets, lines
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from operator import sub
+from typing import TypeAlias
 
 import numpy as np
 from klayout import db
 
 from maskfab.base.arrays import Labels
-from maskfab.base.model import CIRCUIT, CLEAR, EMITTERS, Layer, Panel, Polygon
+from maskfab.base.model import CIRCUIT, CLEAR, EMITTERS, ORIENTATIONS, Layer, Panel, Point, Polygon, orient
 from maskfab.display.circuit_boxes import BoxRules
 from maskfab.display.emitter_rules import EmitterRules
 from maskfab.display.free_area import meetings
@@ -24,6 +26,9 @@ from maskfab.mask.outlines import unit_shapes
 
 SQUARE = 2
 """Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances."""
+_Tile: TypeAlias = Sequence[tuple[int, Point]]
+"""Contents and positions (column, row) of cells."""
+_Pair: TypeAlias = tuple[int, int, Point]
 # Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
 _APART, _COLUMNS = 4, 16
 _BLOCK = 8
@@ -52,7 +57,10 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     Gaps are tested by growing one shape by the gap and looking for what it covers of the other, widths by shrinking and
     growing back; gaps are exact, widths to 1 nm.
     """
-    cells = _clusters(panel)
+    return _on_tiles(panel, lambda cells: _broken_by_emitters(panel, rules, cells))
+
+
+def _broken_by_emitters(panel: Panel, rules: EmitterRules, cells: _Tile) -> tuple[Violation, ...]:
     single = [(cell, (_APART * number, 0)) for number, cell in enumerate(dict.fromkeys(cell for cell, _ in cells))]
     regions, alone = _regions(panel, cells, (CLEAR, *EMITTERS)), _regions(panel, single, EMITTERS)
     frame, own_frame = _frame(panel, cells), _frame(panel, single)
@@ -93,7 +101,10 @@ def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
     Every rectangle on the tile must be a box of a stated size, so that boxes that touch are told too. Without a gap
     they may touch, and the area that they cover must be the sum of theirs.
     """
-    cells = _clusters(panel)
+    return _on_tiles(panel, lambda cells: _broken_by_circuits(panel, rules, cells))
+
+
+def _broken_by_circuits(panel: Panel, rules: BoxRules, cells: _Tile) -> tuple[Violation, ...]:
     regions = _regions(panel, cells, (CLEAR, CIRCUIT))
     clear, drawn = regions[CLEAR], regions[CIRCUIT]
     sizes = {tuple(sorted((kind.width_nm, kind.height_nm))) for kind in rules.kinds}
@@ -116,11 +127,11 @@ def circuit_violations(panel: Panel, rules: BoxRules) -> tuple[Violation, ...]:
     return tuple(told_of(rule, shapes, upright) for rule, shapes in broken if shapes.area())
 
 
-def _frame(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Region:
+def _frame(panel: Panel, cells: _Tile) -> db.Region:
     return db.Region([_pixel(panel, place) for _, place in cells])
 
 
-def _upright(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> db.Box | None:
+def _upright(panel: Panel, cells: _Tile) -> db.Box | None:
     """The first pixel of orientation 0 on a tile; None if it has none."""
     return next((_pixel(panel, place) for cell, place in cells if cell == 0), None)
 
@@ -175,8 +186,41 @@ def whole_panel(panel: Panel, wanted: Sequence[Layer]) -> dict[Layer, db.Region]
     return _regions(panel, cells, wanted)
 
 
-def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
-    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself."""
+def _on_tiles(panel: Panel, broken: Callable[[_Tile], tuple[Violation, ...]]) -> tuple[Violation, ...]:
+    """Rules broken on the tile of all pairs, which is not looked at where none is on that of unlike ones."""
+    pairs = _pairs(panel)
+    return broken(_tile(panel, pairs)) if broken(_tile(panel, _unlike(pairs))) else ()
+
+
+def _unlike(pairs: Iterable[_Pair]) -> list[_Pair]:
+    """Pairs of which none is another that is turned or mirrored as a whole, and so keeps the same rules."""
+    unlike: dict[_Pair, _Pair] = {}
+    for one, other, step in pairs:
+        alike = []
+        for turned, moved in _turns():
+            first, second = (cell - cell % ORIENTATIONS + turned[cell % ORIENTATIONS] for cell in (one, other))
+            right, up = moved[step]
+            alike += [(first, second, (right, up)), (second, first, (-right, -up))]
+        unlike.setdefault(min(alike), (one, other, step))
+    return list(unlike.values())
+
+
+@cache
+def _turns() -> tuple[tuple[tuple[int, ...], dict[Point, Point]], ...]:
+    """For every element of D4, which each orientation becomes when it follows, and where steps to neighbours lead."""
+    marks = np.arange(9).reshape(3, 3)
+    kinds = [orient(marks, kind).tobytes() for kind in range(ORIENTATIONS)]
+    turns = []
+    for element in range(ORIENTATIONS):
+        turned = tuple(kinds.index(orient(orient(marks, kind), element).tobytes()) for kind in range(ORIENTATIONS))
+        places = orient(marks, element).ravel().tolist()
+        steps = [(places.index(mark) % 3 - 1, places.index(mark) // 3 - 1) for mark in range(9)]
+        turns.append((turned, {(mark % 3 - 1, mark // 3 - 1): step for mark, step in enumerate(steps)}))
+    return tuple(turns)
+
+
+def _pairs(panel: Panel) -> list[_Pair]:
+    """Contents of the cells of every pair that meets, and the step (columns, rows) from the first to the second."""
     if panel.others:
         cells = panel.orientations
         pairs = [
@@ -192,6 +236,11 @@ def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
     else:
         beside, across = meetings(panel.orientations)
         pairs = [(*pair, step) for step, meeting in (((1, 0), beside), ((1, 1), across)) for pair in sorted(meeting)]
+    return pairs
+
+
+def _tile(panel: Panel, pairs: Sequence[_Pair]) -> _Tile:
+    """Pairs, each by itself; a panel of one cell has none."""
     placed = []
     for number, (one, other, (right, up)) in enumerate(pairs):
         column, row = _APART * (number % _COLUMNS) + 1, _APART * (number // _COLUMNS)
@@ -199,9 +248,7 @@ def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
     return placed or [(int(panel.orientations[0, 0]), (1, 0))]
 
 
-def _regions(
-    panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]], wanted: Sequence[Layer]
-) -> dict[Layer, db.Region]:
+def _regions(panel: Panel, cells: _Tile, wanted: Sequence[Layer]) -> dict[Layer, db.Region]:
     layout = db.Layout()
     layers = {layer: layout.layer(layer.number, layer.datatype) for layer in wanted}
     top = layout.create_cell("TILE")

@@ -128,7 +128,7 @@ def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank 
 
 
 def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank) -> tuple[DieOptics, Pupil]:
-    """What :func:`measure` tells, and the pupil of the design."""
+    """:func:`measure`, and the pupil of the design."""
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     if area <= 0:
@@ -190,10 +190,14 @@ def measure_pupils(
     margin = pixel_margin(camera)
     lines = camera.wavelengths_nm
     progress("optics", 0, len(lines))
-    read_psfs = ReadyPupil.of(read, camera, margin).psfs(leak)
+    ready = ReadyPupil.of(read, camera, margin)
+    read_psfs = matrix_psfs = ready.psfs(leak)
     matrix = read if design is None else design
-    matrix_psfs = read_psfs if matrix is read else ReadyPupil.of(matrix, camera, margin).psfs(leak)
-    sampled = sampled_field(outline if design is None else matrix, camera)
+    if matrix is not read:
+        ready = ReadyPupil.of(matrix, camera, margin)
+        matrix_psfs = ready.psfs(leak)
+    sampled = sampled_field(outline, camera) if design is None else sampled_field(matrix, camera, ready.prepared)
+    del ready  # of a wide stop hundreds of megabytes
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []

@@ -392,11 +392,13 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
         levels |= {min(conditions.levels), max(conditions.levels)}
     try:
         design, notes = conditions.design(name, panel, around)
-        table = evaluate([design], scenes, scenes, conditions.levels, protocol=protocol, details=False, expected=True)
+        seen = {scene.name: protocol.seen(design, scene) for scene in scenes}
+        given = [design], scenes, scenes, conditions.levels
+        table = evaluate(*given, protocol=protocol, details=False, expected=True, seen=seen)
     except JobError as refusal:
         return Restored(refused=f"{refusal.code} {refusal.what}. {refusal.cure}")
     shots = tuple(
-        Shot(score, protocol.restored(design, first, score.level_db, score.epsilon, CROP))
+        Shot(score, protocol.restored(seen[first.name], design, first, score.level_db, score.epsilon, CROP))
         for score in table.scores
         if score.scene == first.name and score.level_db in levels
     )

@@ -24,6 +24,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.model import Psf, frozen
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField, direct_field, prepare
+from maskfab.optics.field.methods import Prepared
 from maskfab.optics.field.polygons import Boundary
 from maskfab.optics.polynomials import gauss_legendre
 from maskfab.optics.psf import Leak, cutoff, image_scale_um2, point_step_um, psf_norm_um6
@@ -121,10 +122,16 @@ def _circle_sums(count: int) -> tuple[Floats, Floats, Floats]:
     return nodes, frozen(series), frozen(lengths.T @ across)
 
 
-def sampled_field(openings: Pupil | Boundary, camera: Camera) -> SampledField:
-    """A field at so few frequencies that they give it anywhere in the window, at all lines of a camera."""
+def sampled_field(openings: Pupil | Boundary, camera: Camera, ready: Prepared | None = None) -> SampledField:
+    """A field at so few frequencies that they give it anywhere in the window, at all lines of a camera.
+
+    Args:
+        ready: that field, made ready for the PSF; taken where it reaches as far.
+    """
     reach_um = camera.window_um / 2 + _BEYOND * point_step_um(camera)
     highest = reach_um / min(image_scale_um2(camera, line) for line in camera.wavelengths_nm)
+    if isinstance(ready, SampledField) and min(ready.nodes_u.highest, ready.nodes_v.highest) >= highest:
+        return ready
     if isinstance(openings, Boundary):
         width, height = camera.stop.sides_um
         return SampledField.of(openings.parity, (width / 2, height / 2), (highest, highest))

@@ -48,7 +48,7 @@ from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Mask, Singles, fast_length
 from maskfab.base.errors import JobError
-from maskfab.base.model import Psf
+from maskfab.base.model import Psf, Scalar
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Glass
@@ -219,8 +219,11 @@ def stop_field(
     distance = camera.focal_um if distance_um is None else distance_um
     moved = shift_um(camera, gap_um, image_um, distance)
     check_cover(openings, camera.stop, moved)
-    sample, stop, before, after = _cut_fields(
+    sample, stop, spectrum, transfer = _spectra(
         openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance, glass
+    )
+    before, after = (
+        _middle(np.fft.ifft2(part), len(stop)) * (stop / sample**2) for part in (spectrum, spectrum * transfer)
     )
     still = cut(moved_aperture(openings, moved, camera.stop.diameter_um / 2), camera.stop).energy_um2
     energy = still + sample**2 * (_power(after, stop) - _power(before, stop))
@@ -247,20 +250,29 @@ def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um:
     Raises:
         JobError: MF115 as for :func:`gap_psf`.
     """
-    sample, stop, before, after = _cut_fields(openings, camera, wavelength_nm, gap_um, AXIS, 1, AXIS, camera.focal_um)
+    # Openings are real, and on the axis opposite directions are alike: real transforms of half of them tell all.
+    sample, stop, spectrum, transfer = _spectra(
+        openings, camera, wavelength_nm, gap_um, AXIS, 1, AXIS, camera.focal_um, half=True
+    )
     sources = point_sources(sample * np.arange(stop.shape[0] // 2 + 1, dtype=np.float64))
 
-    def far(values: Floats) -> Complexes:
+    def far(part: Complexes) -> tuple[Complexes, float]:
+        """The field of light in the stop's plane, and its power; both on a scale of their own."""
+        passing = _middle(np.fft.irfft2(part, (len(part), len(part))), len(stop))
+        values = passing * stop
         term = slim_term(sources, sources, fold(values), "double")
-        return PreparedField((term,), float(u[-1]), float(u[-1]), "double").field(u, u).amplitude()
+        seen = PreparedField((term,), float(u[-1]), float(u[-1]), "double").field(u, u).amplitude()
+        return seen, float(np.vdot(values, passing))
 
-    # Without diffraction the amplitude is that of the openings, and real.
-    plain = abs(far(before.real)) ** 2 / _power(before, stop)
-    spread = abs(far(after.real) + 1j * far(after.imag)) ** 2 / _power(after, stop)
+    (still, power), (real, of_real), (imaginary, of_imaginary) = map(
+        far, (spectrum, spectrum * transfer.real, spectrum * transfer.imag)
+    )
+    plain = abs(still) ** 2 / power
+    spread = abs(real + 1j * imaginary) ** 2 / (of_real + of_imaginary)
     return float(np.linalg.norm(spread - plain) / np.linalg.norm(plain))
 
 
-def _cut_fields(
+def _spectra(
     openings: Aperture,
     camera: Camera,
     wavelength_nm: float,
@@ -270,8 +282,13 @@ def _cut_fields(
     moved: Place,
     distance: float,
     glass: Glass | None = None,
+    *,
+    half: bool = False,
 ) -> tuple[float, Floats, Complexes, Complexes]:
-    """Distance of samples, the stop on them, and the amplitude behind it without the gap's diffraction and with it."""
+    """Distance of samples, the stop on them, the openings' spectrum, and by what diffraction over the gap multiplies.
+
+    Of both only the columns up to half a cycle per sample if ``half``.
+    """
     wavelength, radius = wavelength_nm * UM_PER_NM, camera.stop.diameter_um / 2
     sample = openings.x.dot_um / samples_per_dot
     top = 0.5 / sample
@@ -289,11 +306,9 @@ def _cut_fields(
     if count**2 > MOST_GAP_SAMPLES:
         raise JobError("MF115", f"the gap needs {count} x {count} samples", cure="Ask for fewer per dot")
     stop = _sampled_stop(camera.stop, sample)
-    spectrum = _spectrum(aperture, samples_per_dot, count)
-    transfer = _transfer(wavelength, carrier, gap_um, sample, count, glass)
-    middle = stop.shape[0]
-    before, after = (_in_stop_plane(part, sample, middle) * stop for part in (spectrum, spectrum * transfer))
-    return sample, stop, before, after
+    columns = count // 2 + 1 if half else count
+    spectrum = _spectrum(aperture, samples_per_dot, count, columns)
+    return sample, stop, spectrum, _transfer(wavelength, carrier, gap_um, sample, count, glass)[:, :columns]
 
 
 def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float:
@@ -334,31 +349,31 @@ def _intervals(whole: Lattice, part: Lattice) -> slice:
     return slice(first, first + part.edges_um().size - 1)
 
 
-def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes:
-    """Exact Fourier coefficients [v, u] of the openings on a period of whole dots and so many samples, FFT order."""
+def _spectrum(aperture: Aperture, samples_per_dot: int, count: int, columns: int) -> Complexes:
+    """Exact Fourier coefficients of the openings on a period of whole dots and so many samples, FFT order, [v, u], the
+    first columns of them."""
     x, y = aperture.x, aperture.y
     frequency = np.asarray(np.fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
     if not (x.has_gutter or y.has_gutter) and x.dot_um == y.dot_um:
         size = count // samples_per_dot
-        half = np.fft.rfft2(_folded(aperture.transmission, size))
-        # Of real openings opposite frequencies are conjugate.
-        points = np.empty((size, size), dtype=np.complex128)
-        points[:, : half.shape[1]] = half
-        mirrored = half[-np.arange(size) % size, (size - 1) // 2 : 0 : -1]
-        np.conj(mirrored, out=points[:, half.shape[1] :])
+        repeated: Complexes = np.fft.rfft2(_folded(aperture.transmission, size))
+        if columns > repeated.shape[1]:
+            # Of real openings opposite frequencies are conjugate.
+            mirrored = repeated[-np.arange(size) % size, (size - 1) // 2 : 0 : -1]
+            whole = np.concatenate([repeated, mirrored.conj()], axis=1)
+            repeated = np.tile(whole, (samples_per_dot, samples_per_dot))[:, :columns]
         across, up = (
             axis.dot_um
             * np.sinc(axis.dot_um * frequency)
             * np.exp(-2j * np.pi * (axis.start_um + axis.dot_um / 2) * frequency)
             for axis in (x, y)
         )
-        repeated: Complexes = np.tile(points, (samples_per_dot, samples_per_dot))
         repeated *= up[:, None]
-        repeated *= across
+        repeated *= across[:columns]
         return repeated
     everywhere = Stop("square", math.inf)
-    whole = Pupil.of_whole_dots(aperture.x, aperture.y, aperture.transmission, everywhere)
-    return direct_field(whole, frequency, frequency)
+    openings = Pupil.of_whole_dots(aperture.x, aperture.y, aperture.transmission, everywhere)
+    return direct_field(openings, frequency[:columns], frequency)
 
 
 def _folded(values: Floats, size: int) -> Floats:
@@ -415,10 +430,10 @@ def _sampled_stop(stop: Stop, sample: float) -> Floats:
     return cut(Aperture(lattice, lattice, ones, np.zeros_like(ones)), stop).mean_transmission
 
 
-def _in_stop_plane(spectrum: Complexes, sample: float, middle: int) -> Complexes:
-    """The amplitude at the middle samples of the stop's plane."""
-    field: Complexes = np.roll(np.fft.ifft2(spectrum), (middle // 2, middle // 2), axis=(0, 1))[:middle, :middle]
-    return field / sample**2
+def _middle(field: NDArray[Scalar], count: int) -> NDArray[Scalar]:
+    """So many samples about the axis, which is on the first one."""
+    sides = slice(-(count // 2), None), slice(count - count // 2)
+    return np.block([[field[rows, columns] for columns in sides] for rows in sides])
 
 
 def turned(waves: Waves, x_um: Floats, y_um: Floats, inside: Mask) -> Complexes:

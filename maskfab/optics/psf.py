@@ -49,6 +49,7 @@ from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import ParityField, SampledField
 from maskfab.optics.field.methods import PRUNED, FieldTask, Prepared, admissible, field
+from maskfab.optics.field.waves import frequency_nodes
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.stop import clear_field
 
@@ -96,6 +97,8 @@ OVERSAMPLING = 1.15
 """Samples of a PSF, at least, by those that its highest frequency asks for."""
 FILTER_TOLERANCE = 1e-10
 """Largest error of the pixel filter's transfer function, which is sinc(νp)."""
+# Frequencies to a node that make it worth to keep the field at nodes, of one line.
+_NODES_KEPT = 1.5
 
 
 def image_scale_um2(camera: Camera, wavelength_nm: float, distance_um: float | None = None) -> float:
@@ -169,8 +172,9 @@ class ReadyPupil:
         )
         end = float(widest[-1]), float(widest[-1])
         prepared: Prepared = path.prepare(pupil, *end, "double")
-        if len(lines) > 1 and path is not PRUNED:
-            # Openings are looked at once; all lines are taken from there.
+        nodes = max(frequency_nodes(reach, end[0], "double").count for reach in pupil.reach_um)
+        if path is not PRUNED and (len(lines) > 1 or _NODES_KEPT * nodes <= widest.size):
+            # Openings are looked at once; all lines, and all further calls, are taken from there.
             prepared = SampledField.of(prepared.field, pupil.reach_um, end)
         return cls(pupil, camera, lines, frequencies, prepared)
 

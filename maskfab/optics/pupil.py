@@ -412,8 +412,9 @@ class Pupil(Frozen):
     def energy_um2(self) -> float:
         """Integral of the squared amplitude: all transmitted energy; the clear area if the mask is binary."""
         widths, heights = np.diff(self.x.edges_um()), np.diff(self.y.edges_um())
+        varies = any(self.whole_variance.strides)
         rows = [
-            heights[part] @ (self.whole[part] ** 2 + self.whole_variance[part])
+            heights[part] @ (self.whole[part] ** 2 + (self.whole_variance[part] if varies else 0))
             for part in (slice(start, start + _ROWS_AT_A_TIME) for start in range(0, heights.size, _ROWS_AT_A_TIME))
         ]
         # A cut dot of amplitude t has t² where it is clear, and t times its share is its mean.

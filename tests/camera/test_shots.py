@@ -93,11 +93,11 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
 
 def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
     """One pixel of 16 tells which, and one picture is restored with it."""
-    scene, restored, tried = leaves(1, 1024, 1536), wiener.restore, []
+    scene, filtered, tried = leaves(1, 1024, 1536), Margin.filtered, []
     record = protocol.F1.photograph(design, scene, 40)
     prepared, true = wiener.Wiener().prepare(record, design), truth_of(scene, Crop(512, 1024))
     means = {each: psnr(prepared(each), true) for each in protocol.EPSILONS[::3]}
-    monkeypatch.setattr(wiener, "restore", lambda *given: (tried.append(1), restored(*given))[1])
+    monkeypatch.setattr(Margin, "filtered", lambda *given: (tried.append(1), filtered(*given))[1])
     assert shots(design, scene, (40,), SENSOR)[0].score.epsilon == max(means, key=means.__getitem__)
     assert len(tried) == 3  # colour by colour
 
@@ -107,7 +107,7 @@ def test_a_sampled_picture_is_every_so_many_th_row_of_the_whole(step):
     values = np.random.default_rng(5).random((3, 40, 56)).astype(np.float32)
     margin = Margin((72, 88), 16)
     spectrum, transfer = margin.mirrored(values), np.random.default_rng(6).random((3, 72, 45), dtype=np.float32)
-    found, whole = margin.rows(spectrum, transfer, step), margin.blurred(spectrum, transfer)
+    found, whole = margin.blurred(spectrum, transfer, step), margin.blurred(spectrum, transfer)
     np.testing.assert_allclose(found, whole[:, ::step], atol=1e-5)
 
 

@@ -14,7 +14,7 @@ from sweeps import in_turns, sweep
 from maskfab.base.model import Emitters, Opening, Panel, Tiling, orient
 from maskfab.display.emitter_rules import EmitterGrid, EmitterRules
 from maskfab.display.free_area import borders, margin, meetings
-from maskfab.display.polygon_check import violations
+from maskfab.display.polygon_check import _pairs, _tile, _unlike, violations
 from maskfab.optics.tiling import orientations
 
 ALL = orientations(Tiling.RANDOM, 40, 40, 1)
@@ -110,6 +110,36 @@ def test_klayout_sees_the_same_violations(tiling: Tiling, gutter_nm: int) -> Non
         assert bool(seen) == (inside or not found.legal)
         agreed.add(bool(seen))
     assert agreed == {True, False} or gutter_nm == 0
+
+
+def test_pairs_that_are_left_out_are_others_turned():
+    rng = np.random.default_rng(7)
+    openings = [Opening(f"o{number}", rng.random((5, 5)) < 0.4, 1000) for number in range(2)]
+    cells = rng.integers(16, size=(120, 120)).astype(np.int8)
+    panel = Panel(openings[0], 1000, 2000, cells, Tiling.MAP, 1, others=(openings[1],))
+
+    def drawn(one: int, other: int, step: tuple[int, int]) -> np.ndarray:
+        """Dots of a pair in the middle of an empty square, gutters between them."""
+        whole = np.zeros((21, 21), dtype=np.int8)
+        for cell, (column, row) in ((one, (7, 7)), (other, (7 + 7 * step[0], 7 + 7 * step[1]))):
+            whole[row + 1 : row + 6, column + 1 : column + 6] = panel.pattern(cell)
+        return whole
+
+    def alike(pair) -> tuple[tuple[int, ...], bytes]:
+        whole = drawn(*pair)
+        turned = [orient(whole, k) for k in range(8)]
+        # Wherever the pair lies: its cells alone, from the first row and column that they take.
+        frames = []
+        for each in turned:
+            ys, xs = np.nonzero(each)
+            frames.append(each[ys.min() : ys.max() + 1, xs.min() : xs.max() + 1])
+        return min((frame.shape, frame.tobytes()) for frame in frames)
+
+    pairs = _pairs(panel)
+    unlike = _unlike(pairs)
+    assert {alike(pair) for pair in pairs} == {alike(pair) for pair in unlike}
+    assert len({alike(pair) for pair in unlike}) == len(unlike) < len(pairs) / 5
+    assert len(_tile(panel, unlike)) == 2 * len(unlike)
 
 
 def inner_violation(labels: np.ndarray, opening: np.ndarray) -> bool:

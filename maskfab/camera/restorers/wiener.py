@@ -9,16 +9,15 @@ nothing of that light: the record is mirrored at its edges by the margin, filter
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Singles
-from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer, upright
 from maskfab.camera.record import Record
 from maskfab.optics.restoration import wiener_filter
 
@@ -26,8 +25,21 @@ PRIOR_CY_PER_PX = 0.1
 
 
 def prior(shape: tuple[int, int]) -> Singles:
-    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]."""
-    y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
+    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]; read-only."""
+    return (_prior.__wrapped__ if Margin(shape).large else _prior)(shape)
+
+
+@lru_cache(maxsize=2)
+def _prior(shape: tuple[int, int]) -> Singles:
+    falling = upright((shape[0], shape[1] // 2 + 1), np.float32)
+    falling[:] = _prior_of(shape, slice(None))
+    falling.flags.writeable = False
+    return falling
+
+
+def _prior_of(shape: tuple[int, int], part: slice) -> Singles:
+    """Some columns of :func:`prior`."""
+    y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])[part]
     return np.asarray((y**2 + x**2) / PRIOR_CY_PER_PX**2, dtype=np.float32)
 
 
@@ -36,61 +48,47 @@ def wiener(transfer: Transfer, inverse_prior: Singles, epsilon: float) -> Transf
     return wiener_filter(transfer, np.float32(epsilon) * inverse_prior)
 
 
-def restore(mirrored: NDArray[np.complex64], filtered: Transfer, margin: Margin) -> Singles:
-    """The restored picture on the sensor, [3, rows, columns] within 0 to 1."""
-    return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
-
-
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """A record that is transformed, for every strength; colour by colour, so that a large picture takes a third.
-
-    Attributes:
-        spectra: mirrored, of every colour; None where they are made again.
-    """
+    """A record, for every strength; colour by colour, so that a large picture takes a third."""
 
     record: Singles
     blur: Blur
     margin: Margin
-    spectra: tuple[NDArray[np.complex64], ...] | None
 
     def __call__(self, epsilon: float) -> Singles:
+        shape, large = self.margin.shape, self.margin.large
+        known = self.blur.on(shape) if large else filters(self.blur, shape, epsilon)
         picture = np.empty_like(self.record)
-        if self.spectra is None:
-            self._by_columns(epsilon, picture)
-        else:
-            for colour, both in enumerate(self._filtered(epsilon)):
-                picture[colour] = restore(*both, self.margin)[0]
+        for plane, seen, of_all in zip(picture, self.record, known, strict=True):
+
+            def factor(part: slice, of_all: Transfer = of_all) -> Transfer:
+                return wiener(of_all[:, part], _prior_of(shape, part), epsilon) if large else of_all[:, part]
+
+            np.clip(self.margin.filtered(seen, factor), 0.0, 1.0, out=plane)
         return picture
 
-    def _by_columns(self, epsilon: float, picture: Singles) -> None:
-        """Restore a large picture into one; some columns of its spectrum and filter are held at a time."""
-        y, x = scipy.fft.fftfreq(self.margin.shape[0])[:, None], scipy.fft.rfftfreq(self.margin.shape[1])
-        for plane, seen, transfer in zip(picture, self.record, self.blur.on(self.margin.shape), strict=True):
-
-            def filtered(part: slice, transfer: Transfer = transfer) -> Transfer:
-                falling = ((y**2 + x[part] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32)
-                return wiener(transfer[:, part], falling, epsilon)
-
-            np.clip(self.margin.filtered(seen, filtered), 0.0, 1.0, out=plane)
-
     def sampled(self, epsilon: float, step: int) -> Singles:
-        """Every so many-th pixel of it both ways, see :meth:`Margin.rows`."""
-        colours = [self.margin.rows(*both, step)[:, :, ::step] for both in self._filtered(epsilon)]
-        return np.clip(np.concatenate(colours), 0.0, 1.0)
-
-    def _filtered(self, epsilon: float) -> Iterator[tuple[NDArray[np.complex64], Transfer]]:
-        """Spectrum and filter of every colour, [1, rows, half]."""
+        """Every so many-th pixel of it both ways, see :meth:`Margin.blurred`."""
         shape, large = self.margin.shape, self.margin.large
-        filters = self.blur.on(shape) if large else _filters(self.blur, shape, epsilon)
-        for colour in range(len(self.record)):
-            one = slice(colour, colour + 1)
-            mirrored = self.margin.mirrored(self.record[one]) if self.spectra is None else self.spectra[colour]
-            yield mirrored, wiener(filters[one], prior(shape), epsilon) if large else filters[one]
+        known = self.blur.on(shape) if large else filters(self.blur, shape, epsilon)
+        picture = np.empty_like(self.record[:, ::step, ::step])
+        for colour, (plane, of_all) in enumerate(zip(picture, known, strict=True)):
+            spectrum = self._mirrored(colour) if large else self._spectra[colour]
+            gains = wiener(of_all, prior(shape), epsilon) if large else of_all
+            plane[:] = self.margin.blurred(spectrum, gains[None], step)[0, :, ::step]
+        return np.clip(picture, 0.0, 1.0, out=picture)
+
+    @cached_property
+    def _spectra(self) -> tuple[NDArray[np.complex64], ...]:
+        return tuple(map(self._mirrored, range(len(self.record))))
+
+    def _mirrored(self, colour: int) -> NDArray[np.complex64]:
+        return self.margin.mirrored(self.record[colour : colour + 1])
 
 
 @lru_cache(maxsize=3)
-def _filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
+def filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
     """G of all colours, for the scenes that are restored one after the other; kept of a peak and its neighbours."""
     return wiener(blur.on(shape), prior(shape), epsilon)
 
@@ -103,10 +101,7 @@ class Wiener:
     name: str = "wiener"
 
     def prepare(self, record: Record, blur: Blur) -> Ready:
-        margin = Margin.around(record.values, self.width)
-        colours = (record.values[colour : colour + 1] for colour in range(len(record.values)))
-        spectra = None if margin.large else tuple(map(margin.mirrored, colours))
-        return Ready(record.values, blur, margin, spectra)
+        return Ready(record.values, blur, Margin.around(record.values, self.width))
 
 
 RESTORERS = (Wiener(),)
