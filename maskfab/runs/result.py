@@ -32,6 +32,7 @@ from maskfab.report.documents.numbers import numbers_text
 from maskfab.report.documents.shape import Document
 from maskfab.report.figures import die as die_figures
 from maskfab.report.figures import display
+from maskfab.report.figures import report as report_figures
 from maskfab.report.figures import scene as scene_figures
 from maskfab.report.figures.sheet import data_uri, img
 from maskfab.report.pages import front
@@ -271,7 +272,7 @@ def draw_pictures(
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
     shows."""
     progress("figures", 0, 1)
-    Figures, built = die_figures.Figures, findings.built
+    Figures, built = report_figures.Figures, findings.built
     designs, drawn = {die["name"]: die for die in document["dies"]}, frozenset(front.shown_dies(document))
     more = [
         Figures(scene.die.name, scene_figures.pictures, (scene,))
@@ -295,13 +296,13 @@ def draw_pictures(
     overview = executor.submit(Call(die_figures.overview, lambda: (findings.plate, document, shown)))
     stressed = () if isinstance(best, str) else best.shown
     optics = [item for item in findings.optics if item.die.name in drawn]
-    pictures = die_figures.pictures(findings.plate, optics, document, more, executor, stressed)
+    pictures = report_figures.pictures(findings.plate, optics, document, more, executor, stressed)
     whole = overview.result()
     progress("figures", 1, 1)
     return whole, pictures
 
 
-def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_figures.Figures]:
+def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[report_figures.Figures]:
     """Even light and text to the eye, of the best die's display and of its reference display."""
     best, rules = front.best(document), display_rules(findings.job)
     if isinstance(best, str) or rules is None:
@@ -309,7 +310,7 @@ def _eye_figures(findings: PlateFindings, document: Document) -> Iterator[die_fi
     die = next(die for die in findings.plate.dies if die.name == best.name)
     answer = findings.built.displays.get(best.name)
     if answer is not None and answer.judged is not None and min(die.panel.orientations.shape) >= LEAST_SEEN:
-        yield die_figures.Figures(best.name, display.eye, (die.panel, answer.judged))
+        yield report_figures.Figures(best.name, display.eye, (die.panel, answer.judged))
 
 
 def report_texts(
@@ -330,12 +331,12 @@ def report_texts(
     }
 
 
-def _front_figures(restored: Photographs, document: Document) -> Iterator[die_figures.Figures]:
+def _front_figures(restored: Photographs, document: Document) -> Iterator[report_figures.Figures]:
     """The truth, and what each die that the report shows makes of it."""
     best = front.best(document)
     if isinstance(best, str):
         return
-    yield die_figures.Figures(die_figures.PLATE, scene_figures.truth, (restored.dies[best.name],))
+    yield report_figures.Figures(die_figures.PLATE, scene_figures.truth, (restored.dies[best.name],))
     for name in front.shown_dies(document):
         if restored.dies[name].shots:
-            yield die_figures.Figures(name, scene_figures.front, (restored.dies[name], best.level_db))
+            yield report_figures.Figures(name, scene_figures.front, (restored.dies[name], best.level_db))

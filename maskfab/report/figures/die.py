@@ -9,8 +9,7 @@ A die as it is written has its corners, in both readings of the writer, beside t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -24,9 +23,9 @@ from matplotlib.path import Path
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.base.cell_size import CellSize
 from maskfab.base.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Psf, Tiling
-from maskfab.base.processes import Call, SerialExecutor
 from maskfab.base.units import NM_PER_MM, NM_PER_UM
 from maskfab.findings.as_written import Written
 from maskfab.mask.package.papers import path_mm
@@ -57,6 +56,7 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
         "radial_min": ("radial minimum", "#000000", (0, (4, 2)), 1.1),
     }
 )
+_BAND = "band"
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 """Marks of curves, which tell them apart in grey."""
 _LOWEST = 5e-3
@@ -68,74 +68,6 @@ _NAMED = 100
 _NAME = 0.045
 """From one name beside it to the next, of its height."""
 _POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
-
-
-def pictures(
-    plate: Plate,
-    dies: Sequence[DieOptics],
-    document: Mapping[str, Any],
-    more: Sequence[Figures] = (),
-    executor: SerialExecutor | None = None,
-    stressed: Sequence[str] = (),
-) -> dict[str, dict[str, str]]:
-    """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
-
-    Args:
-        stressed: dies that the comparison of all shows before the others.
-    """
-    field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
-    peak = max((float(_middle(_finest(item.psfs)).values.max()) for item in dies), default=1.0)
-    drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies, tuple(stressed)))]
-    drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
-    drawn += more
-    images: dict[str, dict[str, str]] = {drawing.die: {} for drawing in drawn}
-    tasks = (executor or SerialExecutor()).run_all([Call(drawing.function, drawing.arguments) for drawing in drawn])
-    for drawing, task in zip(drawn, tasks, strict=True):
-        images[drawing.die] |= task.result()
-    return images
-
-
-@dataclass(frozen=True, eq=False)
-class Figures:
-    """Figures of one die that are still to be drawn.
-
-    Attributes:
-        die: its name, or :data:`PLATE`.
-        function: of a module; finds ``<img>`` elements by the names of figures.
-    """
-
-    die: str
-    function: Callable[..., dict[str, str]]
-    given: tuple[Any, ...]
-
-    def arguments(self) -> tuple[Any, ...]:
-        """Arguments of the function, for a task."""
-        return self.given
-
-
-def of_plate(
-    plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics], stressed: Sequence[str]
-) -> dict[str, str]:
-    """The figures of a whole plate, dies that ``failed`` a check marked, those ``stressed`` drawn thick."""
-    whole = {"drawing": plate_drawing(plate, failed).img(), "places": plate_places(plate)}
-    if dies:
-        whole["mtf"] = mtf_comparison(dies, stressed).img()
-    return whole
-
-
-def of_die(item: DieOptics, field_nm: int, peak: float) -> dict[str, str]:
-    """The figures of one die; ``field_nm`` is the side of its thumbnail and ``peak`` the brightest of all PSFs, the
-    same for all dies."""
-    return {
-        "opening": opening(item.die.panel.opening, item.die.panel.dot_nm).img(),
-        "panel": panel_close_up(item.die.panel).img(),
-        "psf": psf(item.psfs).img(),
-        "mtf": mtf(item.mtfs).img(),
-        "mtf_small": mtf((_middle(item.mtfs),)).img(),
-        "panel_small": panel_thumbnail(item.die.panel, field_nm),
-        "psf_small": psf_thumbnail(_middle(_finest(item.psfs)), peak),
-        "psf_own_peak": psf_thumbnail(_middle(_finest(item.psfs))),
-    }
 
 
 @styled
@@ -160,20 +92,26 @@ def psf(psfs: Sequence[Psf]) -> Drawing:
 
     The colour scale is the same for every PSF of every die. Of two samplings of one wavelength the finer is shown.
     """
-    shown = _finest(psfs)
-    main = _middle(shown)
-    others = [item for item in dict.fromkeys((shown[0], shown[-1])) if item is not main]
+    shown = finest(psfs)
+    (main, pixels), *others = seen_psfs(psfs)
     width = 6.2 if others else 4.5
     figure = Figure(figsize=(width, 3.8))
-    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 257)
-    for row, item in enumerate(others):
+    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, pixels)
+    for row, (item, few) in enumerate(others):
         axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
         axes.set_title(f"{item.wavelength_nm:g} nm")
-        draw_psf(axes, item, 129)
+        draw_psf(axes, item, few)
         axes.set(xticks=[], yticks=[])
     draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
     return Drawing(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
+
+
+def seen_psfs(psfs: Sequence[Psf]) -> list[tuple[Psf, int]]:
+    """PSFs that :func:`psf` shows, and how many pixels along a side: the middle wavelength, and its neighbours."""
+    shown = finest(psfs)
+    main = middle(shown)
+    return [(main, 257), *((item, 129) for item in dict.fromkeys((shown[0], shown[-1])) if item is not main)]
 
 
 def draw_decades(bar: Axes, words: str) -> None:
@@ -189,17 +127,22 @@ def draw_decades(bar: Axes, words: str) -> None:
 @styled
 def mtf(mtfs: Sequence[Mtf]) -> Drawing:
     """One plot for each wavelength: the band from radial minimum to maximum, radial mean, and the straight cuts."""
-    few = len(mtfs) < 3  # the legend then has three lines, and needs its width
-    width, low = max(3.4 * len(mtfs), 5.2), 1.15 if few else 0.75
-    figure = Figure(figsize=(width + 0.6, low + 2.65))
-    for index, item in enumerate(mtfs):
-        step = width / len(mtfs)
-        axes = place(figure, (0.5 + step * index, low, step - 0.3, 2.05))
-        _draw_mtf(axes, item, first=not index)
+    size, places = mtf_places(len(mtfs))
+    figure = Figure(figsize=size)
+    for index, (item, inches) in enumerate(zip(mtfs, places, strict=True)):
+        _draw_mtf(place(figure, inches), item, first=not index)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=3 if few else 7, fontsize=7.5)
+    figure.legend(handles, labels, loc="lower center", ncols=3 if len(mtfs) < 3 else 7, fontsize=7.5)
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
     return Drawing(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
+
+
+def mtf_places(count: int) -> tuple[tuple[float, float], list[tuple[float, float, float, float]]]:
+    """Size of the figure of so many MTFs, and left, bottom, width and height of each plot, inches."""
+    # The legend of few has three lines, and needs its width.
+    width, low = max(3.4 * count, 5.2), 1.15 if count < 3 else 0.75
+    step = width / count
+    return (width + 0.6, low + 2.65), [(0.5 + step * index, low, step - 0.3, 2.05) for index in range(count)]
 
 
 @styled
@@ -212,7 +155,7 @@ def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> D
     axes = place(figure, (0.7, 0.5, 8.2, 3.4))
     names = list(dict.fromkeys(item.die.panel.opening.name for item in dies))
     for number, item in enumerate(dies):
-        panel, curve, thick = item.die.panel, _middle(item.mtfs), item.die.name in stressed
+        panel, curve, thick = item.die.panel, middle(item.mtfs), item.die.name in stressed
         colour = _OF_OPENINGS[names.index(panel.opening.name) % len(_OF_OPENINGS)]
         every = max(len(curve.frequency_cy_per_mm) // 5, 1)
         axes.plot(
@@ -233,8 +176,8 @@ def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> D
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set(xlim=(0, dies[0].mtfs[0].frequency_cy_per_mm[-1]), ylim=(_LOWEST, 1))
     _name_ends(axes)
-    _dress_mtf(axes, _middle(dies[0].mtfs), "MTF (log)", {1: "1", 0.1: "0.1", 0.01: "0.01"})
-    axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
+    _dress_mtf(axes, middle(dies[0].mtfs), "MTF (log)", {1: "1", 0.1: "0.1", 0.01: "0.01"})
+    axes.set_title(f"{middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
     return Drawing(figure, f"Radial-minimum MTF of {len(dies)} dies")
 
 
@@ -312,18 +255,18 @@ def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> by
     """One PNG for a whole run: the plate, and one die's opening, panel, PSF and MTF."""
     figure = Figure(figsize=(13.0, 6.9), dpi=120)
     whole = place(figure, (0.05, 0.2, 5.8, 6.4))
-    _draw_plate(whole, plate, _failed_dies(document))
+    _draw_plate(whole, plate, failed_dies(document))
     whole.set_title(plate.title)
     panel = optics.die.panel
     boxes = (6.4, 3.75, 2.75, 2.75), (9.85, 3.75, 2.75, 2.75), (6.3, 0.5, 2.75, 2.75), (9.75, 0.5, 3.15, 2.6)
     places = [place(figure, box) for box in boxes]
     _draw_opening(places[0], panel.opening, panel.dot_nm)
     _draw_panel(places[1], panel, 6)
-    _draw_psf(places[2], _middle(_finest(optics.psfs)), 641)
-    _draw_mtf(places[3], _middle(optics.mtfs))
+    _draw_psf(places[2], middle(finest(optics.psfs)), 641)
+    _draw_mtf(places[3], middle(optics.mtfs))
     places[0].set_title(f"opening {panel.opening.name}")
     places[1].set_title(f"die {optics.die.name}, 6 × 6 cells")
-    places[2].set_title(f"PSF, {_middle(_finest(optics.psfs)).wavelength_nm:g} nm, six decades")
+    places[2].set_title(f"PSF, {middle(finest(optics.psfs)).wavelength_nm:g} nm, six decades")
     places[3].legend(fontsize=6.5)
     return bitmap(figure)
 
@@ -331,7 +274,7 @@ def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> by
 @styled
 def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
     """One PNG of what an opening or a mask does to a picture: a PSF over an MTF for each wavelength."""
-    shown = _finest(psfs)
+    shown = finest(psfs)
     columns = max(len(shown), len(mtfs))
     figure = Figure(figsize=(3.6 * columns + 0.4, 7.2), dpi=120)
     for column, item in enumerate(shown):
@@ -376,23 +319,34 @@ def _draw_psf(axes: Axes, psf: Psf, pixels: int) -> None:
 
 def _draw_mtf(axes: Axes, mtf: Mtf, *, first: bool = True) -> None:
     """Curves over their axes; whose left one has numbers and words if it is the first of a row."""
-    low, high = mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
+    for name, x, y in curves(mtf):
+        if name == _BAND:
+            axes.fill(x, y, color="#d5dae0", linewidth=0, label="radial minimum to maximum", gid=sheet.CURVE)
+        else:
+            label, colour, style, width = _CUTS[name]
+            shown: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": width, "label": label}
+            axes.plot(x, y, gid=sheet.CURVE, **shown)
+    axes.set_ylim(0, 1)
+    _dress_mtf(axes, mtf, "MTF" if first else "", first=first)
+    axes.set_title(mtf_title(mtf), pad=32)
+
+
+def mtf_title(mtf: Mtf) -> str:
+    """Wavelength and error bar of a plot."""
+    return f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})"
+
+
+def curves(mtf: Mtf) -> Iterator[tuple[str, Floats, Floats]]:
+    """What a plot of an MTF shows, by name: frequencies and values of the band, a polygon, and of the cuts, lines."""
+    frequency, low, high = mtf.frequency_cy_per_mm, mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
     if low is not None and high is not None:
         # One sample for each point on paper is enough, extremes kept.
-        frequency = mtf.frequency_cy_per_mm
         starts = np.arange(0, len(frequency), -(-len(frequency) // 220))
         x = np.append(frequency[starts], frequency[-1])
         least = np.append(np.minimum.reduceat(low, starts), low[-1])
         most = np.append(np.maximum.reduceat(high, starts), high[-1])
-        axes.fill_between(x, least, most, color="#d5dae0", linewidth=0, label="radial minimum to maximum")
-    for name, (label, colour, style, width) in _CUTS.items():
-        if name in mtf.cuts:
-            axes.plot(
-                mtf.frequency_cy_per_mm, mtf.cuts[name], color=colour, linestyle=style, linewidth=width, label=label
-            )
-    axes.set_ylim(0, 1)
-    _dress_mtf(axes, mtf, "MTF" if first else "", first=first)
-    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})", pad=32)
+        yield _BAND, np.append(x, x[::-1]), np.append(least, most[::-1])
+    yield from ((name, frequency, mtf.cuts[name]) for name in _CUTS if name in mtf.cuts)
 
 
 def _dress_mtf(
@@ -494,11 +448,12 @@ def _outline(box: tuple[float, float, float, float], colour: str, style: Any) ->
     return Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="none", edgecolor=colour, linestyle=style, linewidth=0.6)
 
 
-def _failed_dies(document: Mapping[str, Any]) -> frozenset[str]:
+def failed_dies(document: Mapping[str, Any]) -> frozenset[str]:
+    """Names of dies of a report that failed a check."""
     return frozenset(check["die"] for check in document["checks"] if not check["passed"] and "die" in check)
 
 
-def _finest(psfs: Sequence[Psf]) -> list[Psf]:
+def finest(psfs: Sequence[Psf]) -> list[Psf]:
     """One PSF for each wavelength, in the given order: the one sampled at the closest points."""
     chosen: dict[float, Psf] = {}
     for item in psfs:
@@ -507,7 +462,7 @@ def _finest(psfs: Sequence[Psf]) -> list[Psf]:
     return list(chosen.values())
 
 
-def _middle(items: Sequence[Item]) -> Item:
+def middle(items: Sequence[Item]) -> Item:
     """That of the median wavelength, whatever their order."""
     return sorted(items, key=lambda item: item.wavelength_nm)[len(items) // 2]
 

@@ -167,8 +167,11 @@ _FINER = re.compile(r"(?<=\.\d\d)\d+")
 _STRAIGHT = re.compile(r"[\sMLz0-9.\-]*")
 _LETTERS = re.compile("[MLz]")
 _NO_LETTERS = dict.fromkeys(map(ord, "MLz"), " ")
-_PICTURE = re.compile(r"data:image/png;base64,[A-Za-z0-9+/=\s]+")
-_POINTS = 72
+PICTURE = re.compile(r"data:image/png;base64,[A-Za-z0-9+/=\s]+")
+CURVE = "curve"
+"""Name of a line in whose place others are put, which a document keeps."""
+_NAMED = re.compile(rf'<g id="(?!{CURVE}")[^"]*"')
+POINTS = 72
 _COLOURS, _LEVELS, _WITH_ALPHA = 2, 3, 6
 """Kinds of PNG, and how many bytes a pixel of each has."""
 _BYTES = {_COLOURS: 3, _LEVELS: 1, _WITH_ALPHA: 4}
@@ -263,7 +266,7 @@ def scale(
         axes.plot(*lines, transform=along, color="#e3e6ea", linewidth=0.5, zorder=0.5)
 
     def out(points: float) -> ScaledTranslation:
-        return ScaledTranslation(right * points / _POINTS, up * points / _POINTS, figure.dpi_scale_trans)
+        return ScaledTranslation(right * points / POINTS, up * points / POINTS, figure.dpi_scale_trans)
 
     if numbers:
         where = along + out(7)
@@ -311,9 +314,9 @@ class _Vector(RendererSVG):
 def vector(figure: Figure) -> str:
     """The figure as an SVG document without a date or a program's name."""
     buffer, before = io.StringIO(), figure.dpi
-    figure.dpi = _POINTS
+    figure.dpi = POINTS
     try:
-        width, height = _POINTS * figure.get_size_inches()
+        width, height = POINTS * figure.get_size_inches()
         nobody = {"Date": None, "Creator": None, "Format": None, "Type": None}
         renderer = _Vector(width, height, buffer, image_dpi=before, metadata=nobody)  # type: ignore[no-untyped-call]
         renderer.pictures = []
@@ -324,8 +327,8 @@ def vector(figure: Figure) -> str:
     # In fewer bytes: paths to 0.01 pt and by steps, images as palettes, the reader's own sans-serif type.
     pictures = iter(renderer.pictures)
     svg = _PATH.sub(lambda path: f' d="{short_path(path[1])}"', buffer.getvalue())
-    svg = _PICTURE.sub(lambda _: _picture(next(pictures)), svg)
-    svg = re.sub(r"<!--.*?-->", "", re.sub(r'<g id="[^"]*"', "<g", svg), flags=re.DOTALL)
+    svg = PICTURE.sub(lambda _: picture(next(pictures)), svg)
+    svg = re.sub(r"<!--.*?-->", "", _NAMED.sub("<g", svg), flags=re.DOTALL)
     svg = svg.replace("'DejaVu Sans'", "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif")
     svg = " ".join(svg.split())
     return svg[svg.index("<svg") :]
@@ -333,8 +336,13 @@ def vector(figure: Figure) -> str:
 
 def image(figure: Figure, words: str) -> str:
     """The figure as an ``<img>`` that holds its own SVG."""
+    return image_of(vector(figure), words)
+
+
+def image_of(svg: str, words: str) -> str:
+    """A document as an ``<img>`` that holds it."""
     # Only a namespace, but a page that shows no address at all is seen to need none.
-    address = _UNSAFE.sub(lambda characters: _quoted(characters[0]), vector(figure)).replace("//", "%2F%2F")
+    address = _UNSAFE.sub(lambda characters: _quoted(characters[0]), svg).replace("//", "%2F%2F")
     return img(f"data:image/svg+xml,{address}", words, "figure")
 
 
@@ -393,7 +401,7 @@ def img(address: str, words: str, kind: str) -> str:
 _quoted = lru_cache(maxsize=1024)(quote)
 
 
-def _picture(pixels: NDArray[np.uint8]) -> str:
+def picture(pixels: NDArray[np.uint8]) -> str:
     """Address of a picture [y, x, 4], row 0 on top: one byte a pixel if its colours are opaque and few."""
     packed = np.ascontiguousarray(pixels).view(np.uint32)[..., 0]
     colours = np.unique(packed)
