@@ -368,6 +368,8 @@ def _spectrum(aperture: Aperture, samples_per_dot: int, count: int, columns: int
             * np.exp(-2j * np.pi * (axis.start_um + axis.dot_um / 2) * frequency)
             for axis in (x, y)
         )
+        if columns < count and count % 2 == 0:
+            up[count // 2] = up[count // 2].real  # half a cycle per sample is its own opposite
         repeated *= up[:, None]
         repeated *= across[:columns]
         return repeated
