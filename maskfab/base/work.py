@@ -237,5 +237,7 @@ def settle() -> None:
     for unreachable objects seldom, and count the command's time from here, less what its processor has spent."""
     for name in THREADS:
         os.environ.setdefault(name, "1")
+    # Else pydantic reads what all other packages here say of themselves, for plugins of its own.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     gc.set_threshold(_OBJECTS)
     _COMMAND_BEGUN.set(time.monotonic() - time.process_time())

@@ -209,9 +209,9 @@ def analyse_panel(panel: Panel, name: str, request: Request, progress: Progress 
         write_oasis(plate_layout(plate), file)
         read = region(read_oasis(file), CLEAR)
     progress("optics", 0, 1)
-    result, pupil = measure_with_pupil(die, camera, read, request.blank)
+    result, pupil, sampled = measure_with_pupil(die, camera, read, request.blank)
     progress("optics", 1, 1)
-    standard = (*result.quantities, *bar_of_pupil(pupil, camera, request.blank, None))
+    standard = (*result.quantities, *bar_of_pupil(pupil, camera, request.blank, None, sampled))
     if scene is None:
         return Analysis(name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)

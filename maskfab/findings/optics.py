@@ -25,6 +25,7 @@ from maskfab.mask.raster import Shapes, aperture_in_stop, axis_nm, coverage, lin
 from maskfab.optics import metrics
 from maskfab.optics.energy import order_quantities
 from maskfab.optics.exact_psf import ExactPsf, sampled_field
+from maskfab.optics.field.matrix import SampledField
 from maskfab.optics.field.polygons import Boundary, boundary
 from maskfab.optics.film_lags import lit_lags
 from maskfab.optics.lags import AxisLags, LagTable, axis_lags, lag_table
@@ -103,11 +104,12 @@ _SHARES = frozenset({"psf_energy_in_window", "ensquared_energy", "halo_energy"})
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """PSFs (of the polygons at points, then of pixels, by wavelength), MTFs, and what is told of them."""
+    """PSFs (of the polygons at points, then of pixels, by wavelength), MTFs, what is told of them, and the field."""
 
     psfs: tuple[Psf, ...]
     mtfs: tuple[Mtf, ...]
     quantities: tuple[Quantity, ...]
+    sampled: SampledField
 
 
 def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
@@ -123,12 +125,14 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
 
 def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
     """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
-    found, pupil = measure_with_pupil(die, camera, shapes, blank)
-    return replace(found, quantities=(*found.quantities, *bar_of_pupil(pupil, camera, blank, die.name)))
+    found, pupil, sampled = measure_with_pupil(die, camera, shapes, blank)
+    return replace(found, quantities=(*found.quantities, *bar_of_pupil(pupil, camera, blank, die.name, sampled)))
 
 
-def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank) -> tuple[DieOptics, Pupil]:
-    """:func:`measure`, and the pupil of the design."""
+def measure_with_pupil(
+    die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank
+) -> tuple[DieOptics, Pupil, SampledField]:
+    """:func:`measure`, and the pupil of the design with its field."""
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     if area <= 0:
@@ -149,7 +153,7 @@ def measure_with_pupil(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlan
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
     found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
-    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities)), design_pupil
+    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities)), design_pupil, found.sampled
 
 
 def _pupils(
@@ -232,7 +236,7 @@ def measure_pupils(
     quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die, edges)
     if design is None:
         quantities = [_of_polygons(quantity) for quantity in quantities]
-    return Measured(tuple(psfs), tuple(mtfs), tuple(quantities))
+    return Measured(tuple(psfs), tuple(mtfs), tuple(quantities), sampled)
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,7 +141,7 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     means = np.bincount(ring, tail)[there] / counts[there]
     profile = np.interp(radius[within] / psf.step_um, there, means)
     rings = profile * (1 + np.cos(2 * np.pi * radius[within] / (2.3 * psf.step_um)))
-    value, uniform = _brightest_direction(tail, turn), _brightest_direction(rings, turn)
+    value, uniform = _brightest_directions(np.stack([tail, rings]), turn).tolist()
     return Quantity(
         "streak_index",
         value,
@@ -195,16 +195,16 @@ def _peak(psf: Psf) -> float:
     return float(psf.values[middle, middle])
 
 
-def _brightest_direction(tail: Floats, turn: Complexes) -> float:
-    """Largest over mean of an angular distribution, from its moments under a Fejér kernel."""
+def _brightest_directions(tails: Floats, turn: Complexes) -> Floats:
+    """Largest over mean of angular distributions [k, n], from their moments under a Fejér kernel."""
     order = np.arange(1, _STREAK_ORDERS + 1)
-    moments, power = [], np.ones_like(turn)
-    for _ in order:
-        power = power * turn
-        moments.append((tail * power).sum())
-    relative = np.array(moments) / tail.sum() * (1 - order / (_STREAK_ORDERS + 1))
+    moments, power = np.empty((len(tails), order.size), dtype=np.complex128), np.ones_like(turn)
+    for k in range(order.size):
+        power *= turn
+        moments[:, k] = (tails @ power.view(np.float64).reshape(-1, 2)).view(np.complex128)[:, 0]
+    relative = moments / tails.sum(axis=1)[:, None] * (1 - order / (_STREAK_ORDERS + 1))
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    return float(1 + 2 * (relative @ np.exp(1j * order[:, None] * angle)).real.max())
+    return np.asarray(1 + 2 * (relative @ np.exp(1j * order[:, None] * angle)).real.max(axis=1))
 
 
 def order_efficiencies(panel: Panel, highest: int) -> Floats:

@@ -308,7 +308,7 @@ def _spectra(
     stop = _sampled_stop(camera.stop, sample)
     columns = count // 2 + 1 if half else count
     spectrum = _spectrum(aperture, samples_per_dot, count, columns)
-    return sample, stop, spectrum, _transfer(wavelength, carrier, gap_um, sample, count, glass)[:, :columns]
+    return sample, stop, spectrum, _transfer(wavelength, carrier, gap_um, sample, count, glass, columns)
 
 
 def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float:
@@ -368,6 +368,8 @@ def _spectrum(aperture: Aperture, samples_per_dot: int, count: int, columns: int
             * np.exp(-2j * np.pi * (axis.start_um + axis.dot_um / 2) * frequency)
             for axis in (x, y)
         )
+        if columns < count and count % 2 == 0:
+            up[count // 2] = up[count // 2].real  # half a cycle per sample is its own opposite
         repeated *= up[:, None]
         repeated *= across[:columns]
         return repeated
@@ -391,8 +393,9 @@ def _transfer(
     sample: float,
     count: int,
     glass: Glass | None,
+    columns: int | None = None,
 ) -> Complexes:
-    """H at the frequencies of :func:`_spectrum`."""
+    """H at the frequencies of :func:`_spectrum`, in all columns if None."""
     across, up, size = carrier
     q = np.asarray(np.fft.fftfreq(count, sample), dtype=np.float64)
     place = np.arange(count)
@@ -411,7 +414,7 @@ def _transfer(
         along = np.sqrt(np.clip((index / wavelength) ** 2 - (u + across) ** 2 - (v + up) ** 2, 0, None))
         path += thickness * (along - straight + (u * across + v * up) / straight)
     found = np.where((abs(u) <= limit) & (abs(v) <= limit), np.exp(2j * np.pi * path), 0.0)
-    return found[np.ix_(place, place)] if size == 0 else found
+    return found[np.ix_(place, place[:columns])] if size == 0 else found[:, :columns]
 
 
 def glass_as_air_um(glass: Glass, slope: float) -> float:

@@ -48,7 +48,7 @@ from maskfab.base.model import Psf, frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera, Stop
 from maskfab.optics.field.matrix import ParityField, SampledField
-from maskfab.optics.field.methods import PRUNED, FieldTask, Prepared, admissible, field
+from maskfab.optics.field.methods import FieldTask, Prepared, admissible, field
 from maskfab.optics.field.waves import frequency_nodes
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.stop import clear_field
@@ -163,17 +163,11 @@ class ReadyPupil:
         lines = camera.wavelengths_nm if lines is None else lines
         frequencies = [_frequencies(camera, wavelength, margin) for wavelength in lines]
         widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
-        tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
-        # A step that suits a transform at one wavelength does not at another.
-        path = next(
-            path
-            for path in admissible(FieldTask.of(pupil, widest, widest))
-            if all(path.refusal(task) is None for task in tasks)
-        )
+        path = admissible(FieldTask.of(pupil, widest, widest))[0]
         end = float(widest[-1]), float(widest[-1])
         prepared: Prepared = path.prepare(pupil, *end, "double")
         nodes = max(frequency_nodes(reach, end[0], "double").count for reach in pupil.reach_um)
-        if path is not PRUNED and (len(lines) > 1 or _NODES_KEPT * nodes <= widest.size):
+        if len(lines) > 1 or _NODES_KEPT * nodes <= widest.size:
             # Openings are looked at once; all lines, and all further calls, are taken from there.
             prepared = SampledField.of(prepared.field, pupil.reach_um, end)
         return cls(pupil, camera, lines, frequencies, prepared)

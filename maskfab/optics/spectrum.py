@@ -42,7 +42,7 @@ from maskfab.base.model import frozen
 from maskfab.base.units import UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.optics.field.matrix import SampledField
-from maskfab.optics.field.methods import PRUNED, FieldTask, admissible
+from maskfab.optics.field.methods import FieldTask, admissible
 from maskfab.optics.lags import LagTable
 from maskfab.optics.polynomials import gauss_legendre, gauss_rules
 from maskfab.optics.psf import cutoff, image_scale_um2
@@ -419,10 +419,7 @@ def band_errors(pupil: Pupil, camera: Camera, bands: Sequence[Band]) -> dict[int
     highest = half / image_scale_um2(camera, shortest_nm)
     sides = pupil.stop.sides_um
     farthest = max(sides) / math.sqrt(2) if pupil.stop.round else sum(sides) / 2
-    # The step of a discrete transform suits one wavelength only.
-    path = next(
-        path for path in admissible(FieldTask.of(pupil, highest * slopes, highest * slopes)) if path is not PRUNED
-    )
+    path = admissible(FieldTask.of(pupil, highest * slopes, highest * slopes))[0]
     end = (beyond(farthest, highest),) * 2
     sampled = SampledField.of(path.prepare(pupil, *end, "double").field, pupil.reach_um, end)
     rays, own = Rays.of(sampled, farthest, highest, slopes), path.error["double"] + RAYS_ERROR

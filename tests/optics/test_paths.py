@@ -20,7 +20,6 @@ from maskfab.optics.field.methods import (
     DIRECT,
     PARITY,
     PATHS,
-    PRUNED,
     STRUCTURE,
     FieldTask,
     admissible,
@@ -71,32 +70,6 @@ def test_all_paths_agree(laid_out: Panel, shape: str, share: float, on_axis: boo
         assert error <= path.error["single"] * max(np.linalg.norm(abs(expected) ** 2), scale**2)
 
 
-@settings(max_examples=25, deadline=None)
-@given(
-    masks,
-    st.integers(1, 6),
-    st.sampled_from(["circle", "square"]),
-    st.floats(0.2, 1.1),
-    st.booleans(),
-    st.integers(0, 60),
-    st.integers(2, 50),
-)
-def test_pruned_transform_on_its_own_grids(
-    mask: NDArray[np.bool_], cells: int, shape: str, share: float, on_axis: bool, surplus: int, count: int
-) -> None:
-    laid_out = panel(mask, cells=cells, seed=cells)
-    source = pupil(laid_out, Stop("square" if shape == "square" else "circle", laid_out.size_nm[0] / 1e3 * share))
-    size = source.x.cells * source.x.dots + surplus + 8
-    u = commensurate(source.x, size, min(count, size // 2), on_axis)
-    v = commensurate(source.y, size + 3, count, on_axis)
-    expected = DIRECT.amplitude(source, u, v)
-    scale = max(source.energy_um2, 1e-9) * np.sqrt(expected.size)
-    assert PRUNED.accepts(source, u, v)
-    # Far out the rim's moments are cut short.
-    tolerance = 1e-12 if not source.rim_row.size else max(1e-12, (u[-1] * 8 / 2.2) ** 12, (v[-1] * 8 / 2.2) ** 12)
-    assert np.linalg.norm(PRUNED.amplitude(source, u, v) - expected) <= tolerance * scale
-
-
 @pytest.mark.parametrize("gutter_nm", [0, 8000])
 @pytest.mark.parametrize("cells", [5, 6])
 def test_cells_of_many_dots_reduce_exactly(gutter_nm: int, cells: int) -> None:
@@ -107,7 +80,7 @@ def test_cells_of_many_dots_reduce_exactly(gutter_nm: int, cells: int) -> None:
     assert relative(PARITY.amplitude(source, u, u), DIRECT.amplitude(source, u, u)) < 1e-13
 
 
-@pytest.mark.parametrize("path", [p for p in PATHS if p is not PRUNED], ids=lambda p: p.name)
+@pytest.mark.parametrize("path", PATHS, ids=lambda p: p.name)
 def test_open_stop_gives_airy(path: object) -> None:
     """A stop of 100 µm, whose rim is all that a staircase would get wrong: πD²/4 2 J1(πDq) / (πDq), Goodman 4.4.2."""
     source = pupil(panel(np.ones((5, 5), dtype=np.bool_), cells=4), Stop("circle", 100.0))
@@ -135,7 +108,7 @@ def test_turning_the_pupil_turns_the_field(turns: int) -> None:
 
 def test_one_preparation_serves_every_wavelength() -> None:
     source = pupil(panel(noise(9, 0.4, 3), cells=6, seed=2), Stop("circle", 420.0))
-    for prepared in (path.prepare(source, 0.03, 0.03, "double") for path in (PARITY, STRUCTURE, PRUNED, DIRECT)):
+    for prepared in (path.prepare(source, 0.03, 0.03, "double") for path in PATHS):
         for size in (270, 331, 407):
             u = commensurate(source.x, size, 60, True)
             assert relative(prepared.field(u, u).amplitude(), parity_field(source, u, u).amplitude()) < 1e-12
@@ -192,9 +165,6 @@ def test_the_cheapest_path_suits_the_pupil() -> None:
     assert admissible(FieldTask(coarse, coarse, 2000.0, 400, False, u, u))[0] is PARITY
     assert admissible(FieldTask(fine, fine, 2000.0, 3000, False, u, u))[0] is STRUCTURE
     assert admissible(FieldTask(askew, askew, 2000.0, 400, True, u, u)) == (DIRECT,)
-    # A wide window of fine steps, which few nodes of frequency give: measured, pruned takes twice as long.
-    wide = commensurate(coarse, 2650, 1024, True)
-    assert admissible(FieldTask(coarse, coarse, 2000.0, 400, False, wide, wide))[0] is not PRUNED
     for path in PATHS:
         task = FieldTask(coarse, coarse, 2000.0, 400, False, commensurate(coarse, 1325, 256, True), u)
         assert path.flops(task) > 0 < path.memory(task)
@@ -204,8 +174,6 @@ def test_the_cheapest_path_suits_the_pupil() -> None:
 def test_paths_say_why_they_refuse() -> None:
     guttered = pupil(panel(noise(5, 0.4, 3), gutter_nm=8000, cells=4), Stop("circle", 150.0))
     u = grid(0.02, 8, True)
-    with pytest.raises(InternalError, match=r"MF901 the pruned path .* gutters"):
-        PRUNED.field(guttered, u, u)
     lit = covered_aperture(guttered.x, guttered.y, np.full(guttered.whole.shape, 0.5))
     with pytest.raises(InternalError, match="strips between cells"):
         STRUCTURE.field(cut(lit, guttered.stop), u, u)
@@ -213,16 +181,6 @@ def test_paths_say_why_they_refuse() -> None:
     for path in (PARITY, STRUCTURE):
         with pytest.raises(InternalError, match="symmetric"):
             path.field(askew, u, u)
-    whole = pupil(panel(noise(5, 0.4, 3), cells=4), Stop("circle", 150.0))
-    for wrong, reason in (
-        (grid(0.02, 8, True) ** 2, "evenly spaced"),
-        (grid(0.02, 8, True) + 1e-3, "begin neither at 0"),
-        (grid(0.0201, 8, True), "into"),
-        (commensurate(whole.x, 12, 4, True), "do not fit"),
-        (commensurate(whole.x, 30, 20, True), "beyond half"),
-    ):
-        with pytest.raises(InternalError, match=reason):
-            PRUNED.field(whole, wrong, wrong)
 
 
 @pytest.mark.parametrize(("u", "v"), [([0.0, 0.0], [0.0, 1.0]), ([-1.0, 0.0], [0.0, 1.0]), ([0.0], [1.0]), ([], [0.0])])

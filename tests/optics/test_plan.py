@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from optics.scene_cases import CASES, RGB, Case, case, planned, priced
-from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil, shifted_psf
+from optics_cases import aberrated_psf, defocused_psf, focused_psf, noise, pupil, shifted_psf
 from sweeps import examples, sweep
 
 from maskfab.base import resources
@@ -19,12 +19,11 @@ from maskfab.base.errors import JobError
 from maskfab.base.model import Panel, Psf, Tiling
 from maskfab.job.camera import Camera, Stop
 from maskfab.mask.opening_file import load_opening
-from maskfab.optics import psf
-from maskfab.optics.field.methods import PATHS, PRUNED, admissible
+from maskfab.optics.field.methods import PATHS
 from maskfab.optics.gap import gap_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase import defocus_waves
-from maskfab.optics.psf import ReadyPupil, image_scale_um2, odd_samples, point_psf, point_step_um
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil import Pupil, panel_aperture
 from maskfab.optics.scene import omissions
 from maskfab.optics.scene.omissions import PLACES, grey
@@ -168,22 +167,6 @@ def test_a_scene_that_asks_nothing_of_the_layout_takes_no_mean_over_layouts(
         monkeypatch.delattr(omissions, mean)
     found = plan(each.panel, each.camera, each.scene, each.accuracy)
     assert (found.choice, found.price) == (expected.choice, expected.price)
-
-
-def test_several_lines_take_a_path_that_suits_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The step of a discrete transform may fit one wavelength and not the next."""
-    setting = camera(300.0, wavelengths=(480.0, 531.0), window_um=96.0)
-    source = pupil(panel(noise(10, 0.5, 1), dot_nm=4000, cells=10), setting.stop)
-    steps = [
-        point_step_um(setting) * np.arange(odd_samples(setting.window_um, point_step_um(setting)) // 2 + 1.0)
-        / image_scale_um2(setting, line)
-        for line in setting.wavelengths_nm
-    ]  # fmt: skip
-    assert [PRUNED.accepts(source, u, u) for u in steps] == [True, False]
-    expected = [point_psf(source, setting, line) for line in setting.wavelengths_nm]
-    monkeypatch.setattr(psf, "admissible", lambda task: sorted(admissible(task), key=lambda path: path is not PRUNED))
-    for found, known in zip(ReadyPupil.of(source, setting).psfs(), expected, strict=True):
-        assert relative_difference(found, known) < 1e-10
 
 
 def test_one_psf_is_priced_once_for_all_places_and_lines(monkeypatch: pytest.MonkeyPatch) -> None:

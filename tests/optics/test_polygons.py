@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,15 +88,27 @@ def test_a_few_edges_at_a_time_give_the_same_field(cells):
     count = len(cells[0])
     for at_a_time in (count - 1, count // 3, 97):
         parts = boundary(*cells, 0.03, edges_at_a_time=at_a_time)
-        assert parts.ready is None
+        assert parts.starts.size > 1
         found = parts.field(1e-3, 41)
         assert np.linalg.norm(found - whole) < 1e-12 * np.linalg.norm(whole)
         assert abs(found - whole).max() < 1e-11 * cells[1]
         assert abs(parts.field(1e-6, 33) - boundary(*cells, 0.03).field(1e-6, 33)).max() < 1e-15 * cells[1]
 
 
+def test_edges_of_one_length_have_a_node_each_and_the_same_field(cells, monkeypatch):
+    monkeypatch.setattr(polygons, "_LEAST_SAVED", 100)
+    few = boundary(*cells, 0.03)
+    plain = replace(few, unit_um=0.0)
+    assert few.unit_um == pytest.approx(8.0, abs=1e-9)
+    counts = [sum(part.dx.size for part in each._parts(each.unit_um)) for each in (few, plain)]
+    assert counts[0] < 0.8 * counts[1]
+    assert abs(few.field(1e-3, 41) - plain.field(1e-3, 41)).max() < 1e-8 * cells[1]
+    # Next to zero both are summed node by node.
+    np.testing.assert_array_equal(few.field(1e-6, 33), plain.field(1e-6, 33))
+
+
 def test_few_edges_keep_their_nodes(cells):
-    assert boundary(*cells, 0.03).ready is not None
+    assert boundary(*cells, 0.03).starts.size == 1
 
 
 def test_parts_bound_the_memory():

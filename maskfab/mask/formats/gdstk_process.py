@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import struct
 import sys
-import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -153,6 +152,8 @@ def _library(function: str, path: str) -> Any:
     except RuntimeWarning as warning:
         if function == "read_oas" or "Unsupported" not in str(warning):
             raise
+    import tempfile  # slow to load, and of GDSII alone
+
     with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
         drawing = Path(aside) / "drawing.gds"
         drawing.write_bytes(b"".join(_drawing_records(Path(path))))

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -378,18 +379,28 @@ class SampledField:
 
     def at(self, u: Floats, v: Floats) -> Complexes:
         """The field at any frequencies up to the highest, of either sign, [nv, nu] from [nu] and [nv]."""
+        alike = self.nodes_u == self.nodes_v
         waves = []
-        for nodes, frequency in ((self.nodes_u, u), (self.nodes_v, v)):
+        for nodes, frequency in (
+            [(self.nodes_u, np.concatenate([u, v]))] if alike else [(self.nodes_u, u), (self.nodes_v, v)]
+        ):
             most = float(abs(frequency).max())
             if most > nodes.highest * (1 + 1e-9):
                 what = f"a frequency of {most:g} cycles/um is beyond the {nodes.highest:g} that a field was sampled for"
                 raise InternalError("MF901", what)
-            waves.append(nodes.interpolation(abs(frequency)))
-            waves[-1][1] *= np.sign(frequency)
-        (even_u, odd_u), (even_v, odd_v) = waves
-        (ee, eo), (oe, oo) = self.parts
-        real = even_v.T @ (ee @ even_u) - odd_v.T @ (oo @ odd_u)
-        return np.asarray(real - 1j * (odd_v.T @ (oe @ even_u) + even_v.T @ (eo @ odd_u)))
+            waves.append(nodes.interpolation(frequency))
+        of_u, of_v = (waves[0][:, :, : u.size], waves[0][:, :, u.size :]) if alike else waves
+        (ee, oe), (eo, oo) = self._columns @ of_u[:, None]
+        even_v, odd_v = of_v.transpose(0, 2, 1)
+        found = np.empty((v.size, u.size), dtype=np.complex128)
+        found.real = even_v @ ee - odd_v @ oo
+        found.imag = -(odd_v @ oe) - even_v @ eo
+        return found
+
+    @cached_property
+    def _columns(self) -> Reals:
+        """Parts by their parity in u, then in v."""
+        return np.ascontiguousarray(self.parts.swapaxes(0, 1))
 
 
 def _carried(parts: Reals, across: Reals, up: Reals) -> Reals:

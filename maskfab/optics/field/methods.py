@@ -1,7 +1,8 @@
 """The ways to a far field, one interface: what each accepts, what it costs, how far it errs, and the field itself.
 
 All paths give the same field and differ in what they need. Work is counted in flops of a matrix product, the unit in
-which all of them are bounded; a flop of a Fourier transform moves more data and counts as several.
+which all of them are bounded. Fast Fourier transforms that skip what is dark and what is not asked for took two to
+three times as long as the parity split wherever a grid suited them, from 500 to 4000 dots across.
 
 **Structure** is for panels of many fine dots, cell by cell. A cell of d dots needs d waves along an axis, but waves
 change little over a cell: a few Chebyshev nodes, some twenty more than the highest phase over half a cell, carry its
@@ -12,27 +13,16 @@ remains is a coarser lattice of sources, which the parity split transforms like 
 Notes:
     Cells need not be alike. The classical structure factor, sums over like cells times the transform of one, must treat
     the cells that the stop cuts on their own; here they cost no more than others.
-
-**Pruned** transforms are fast ones that skip what is dark and what is not asked for. On a lattice of equal dots d and
-frequencies k h, or (k + 1/2) h, the sum over dots is a discrete Fourier transform of 1 / (d h) points where that is a
-whole number (on a sensor, λf / (d step)), and d sinc(ud) d sinc(vd) makes it the exact field. Rows without light need
-no transform along x, and columns outside the window none along y.
-
-Notes:
-    The transform repeats every 1 / d in frequency and must not reach half of that along u; a point beyond it would
-    still be right, but numpy's half spectrum does not hold it. Sizes with large prime factors are slow, not inexact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import log2
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Indices
 from maskfab.base.errors import InternalError
@@ -45,21 +35,16 @@ from maskfab.optics.field.matrix import (
     parity_of,
     prepare,
     rim_orders,
-    rim_terms,
     slim_term,
 )
 from maskfab.optics.field.waves import (
     Nodes,
     Positions,
     Precision,
-    Reals,
     frequency_nodes,
-    is_even,
     is_symmetric,
     node_count,
     nodes_for,
-    real_type,
-    reduced_cycles,
 )
 from maskfab.optics.pupil import Lattice, Pupil
 
@@ -176,135 +161,13 @@ def _strips(lattice: Lattice) -> Indices:
     return (lattice.dots + 1) * np.arange(1, lattice.cells, dtype=np.intp) - 1
 
 
-_COMMENSURATE = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class PrunedField:
-    """A pupil and the precision in which to transform it.
-
-    Attributes:
-        rim: the dots that the stop cuts, which fit no discrete transform; None if there are none.
-    """
-
-    pupil: Pupil
-    rim: PreparedField | None
-    precision: Precision
-
-    def field(self, u: Floats, v: Floats) -> ParityField:
-        """The field at frequencies that :func:`pruned_refusal` accepts, [nu] and [nv]."""
-        reason = pruned_refusal(self.pupil.x, self.pupil.y, bool(self.pupil.rim_row.size), u, v)
-        if reason:
-            raise InternalError("MF901", reason)
-        whole = self._whole(u, v)
-        if self.rim is None:
-            return whole
-        cut = self.rim.field(u, v)
-        return ParityField(
-            whole.even_even + cut.even_even,
-            whole.even_odd + cut.even_odd,
-            whole.odd_even + cut.odd_even,
-            whole.odd_odd + cut.odd_odd,
-            whole.on_axis,
-        )
-
-    def _whole(self, u: Floats, v: Floats) -> ParityField:
-        on_axis = bool(u[0] == 0)
-        import scipy  # slow to load, and the fastest method for few samples needs none
-
-        live = np.flatnonzero(self.pupil.whole.any(axis=1))
-        rows: Reals = self.pupil.whole[live].astype(real_type(self.precision), copy=False)
-        kind = np.result_type(rows.dtype, np.complex64)
-        size = transform_size(self.pupil.y, v)
-        columns = np.zeros((u.size, size), dtype=kind)
-        if live.size:
-            along_x = _row_transform(rows, self.pupil.x, u, on_axis)
-            columns[:, live] = (along_x * _dot_factor(self.pupil.x, u)).T
-        if not on_axis:
-            columns *= _half_step(size).astype(kind)
-        spectrum = scipy.fft.fft(columns, axis=1, overwrite_x=True).T
-        factor = _dot_factor(self.pupil.y, v)[:, None]
-        bins = np.arange(v.size)
-        mirrored = -bins if on_axis else -1 - bins
-        above = (spectrum[bins % size] * factor).astype(np.complex128, copy=False)
-        below = (spectrum[mirrored % size] * factor.conj()).astype(np.complex128, copy=False)
-        return parity_of(above, below, on_axis)
-
-
-def prepare_pruned(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision = "double") -> PrunedField:
-    """A pupil ready to be transformed; the arguments are those of :func:`maskfab.optics.field.matrix.prepare`."""
-    rim = None
-    if pupil.rim_row.size:
-        rim = PreparedField(rim_terms(pupil, highest_u, highest_v, precision), highest_u, highest_v, precision)
-    return PrunedField(pupil, rim, precision)
-
-
-def pruned_refusal(x: Lattice, y: Lattice, rim: bool, u: Floats, v: Floats) -> str | None:
-    """Why a pupil on two lattices, with dots cut by the stop or not, cannot be transformed; None if it can."""
-    if x.has_gutter or y.has_gutter:
-        return "a lattice with gutters has dots at uneven distances"
-    if rim and not (is_symmetric(x) and is_symmetric(y)):
-        return "the rim needs a lattice that is symmetric about the axis"
-    for lattice, frequency in ((x, u), (y, v)):
-        if frequency.size < 2 or not is_even(frequency):
-            return "the frequencies are not evenly spaced"
-        step = _step(frequency)
-        if abs(frequency[0]) > _COMMENSURATE * step and abs(frequency[0] - step / 2) > _COMMENSURATE * step:
-            return "the frequencies begin neither at 0 nor half a step from it"
-        points = 1 / (lattice.dot_um * step)
-        size = round(points)
-        if abs(points - size) > _COMMENSURATE * points:
-            return f"the frequencies divide the dot's period of 1 / {lattice.dot_um:g} um into {points:.6g} parts"
-        if lattice.cells * lattice.dots > size:
-            return f"{lattice.cells * lattice.dots} dots do not fit a transform of {size} points"
-    if u.size - 1 > transform_size(x, u) // 2:
-        return f"{u[-1]:g} cycles/um is beyond half the dot's period of 1 / {x.dot_um:g} um"
-    return None
-
-
-def transform_size(lattice: Lattice, frequency: Floats) -> int:
-    """Points of the discrete transform, 1 / (dot x frequency step)."""
-    return round(1 / (lattice.dot_um * _step(frequency)))
-
-
-def _step(frequency: Floats) -> float:
-    return float((frequency[-1] - frequency[0]) / (frequency.size - 1))
-
-
-def _row_transform(rows: Reals, lattice: Lattice, u: Floats, on_axis: bool) -> NDArray[np.complexfloating[Any]]:
-    """Rows at the frequencies u, [rows, nu], the first dot at the origin."""
-    import scipy
-
-    size = transform_size(lattice, u)
-    if on_axis:
-        spectrum: NDArray[np.complexfloating[Any]] = scipy.fft.rfft(rows, size, axis=1)[:, : u.size]
-        return spectrum
-    turned = rows * _half_step(size)[: rows.shape[1]].astype(np.result_type(rows.dtype, np.complex64))
-    spectrum = scipy.fft.fft(turned, size, axis=1, overwrite_x=True)[:, : u.size]
-    return spectrum
-
-
-def _half_step(size: int) -> Complexes:
-    """Moves the bins of a transform by half of one."""
-    half: Complexes = np.exp(-1j * np.pi * np.arange(size, dtype=np.float64) / size)
-    return half
-
-
-def _dot_factor(lattice: Lattice, frequency: Floats) -> Complexes:
-    """Transform of one dot, at the place of the first."""
-    centre = np.array([lattice.start_um + lattice.dot_um / 2])
-    factor: Complexes = np.exp(-2j * np.pi * reduced_cycles(centre, frequency)[0])
-    return factor * lattice.dot_um * np.sinc(lattice.dot_um * frequency)
-
-
-# What work takes besides products, in flops of those, fitted to the times of 39 scenes. Of a transform, a flop; of
+# What work takes besides products, in flops of those, fitted to the times of 39 scenes. Of
 # waves, a value; of dots, one that is folded and one that is merely read; of a rim, itself, a cut dot, and a flop of
-# its thin products; of cells, a row of them; of a pruned transform, a frequency; of complex products, themselves, a
-# wave, and a cut dot at a frequency.
-TRANSFORM_FLOP, _WAVE = 9.0, 400.0
+# its thin products; of cells, a row of them; of complex products, themselves, a wave, and a cut dot at a frequency.
+_WAVE = 400.0
 _DOT_WORK, _DOT_READ = 120.0, 20.0
 _RIM, _CUT_DOT, _GATHERING, _RIM_ORDERS = 4e7, 2e5, 2.5, 8
-_ROW_OF_CELLS, _PRUNED_POINT = 1.5e6, 1700.0
+_ROW_OF_CELLS = 1.5e6
 _DIRECT, _DIRECT_WAVE, _DIRECT_CUT = 7.5e7, 1800.0, 1.25e4
 _BYTES = 8
 
@@ -530,33 +393,13 @@ def _structure_memory(task: FieldTask) -> float:
     return _BYTES * (3.0 * sources_x * sources_y + 2 * (sources_x * nu + sources_y * nv) + 12 * nu * nv)
 
 
-def _pruned_work(task: FieldTask) -> Work:
-    along_x, along_y = transform_size(task.x, task.u), transform_size(task.y, task.v)
-    # Off the axis the phases of half a step make the rows complex.
-    rows = (2.5 if task.u[0] == 0 else 5.0) * _intervals(task.y) * along_x * log2(along_x)
-    columns = 5.0 * task.u.size * along_y * log2(along_y)
-    bands = _rim_cores(task)
-    products = _product_flops(task, bands, (task.radius_um, task.radius_um))
-    transforms = TRANSFORM_FLOP * (rows + columns) + _PRUNED_POINT * task.u.size * task.v.size
-    return Work(_rim_flops(task, bands), transforms + products)
-
-
-def _pruned_memory(task: FieldTask) -> float:
-    along_x, along_y = transform_size(task.x, task.u), transform_size(task.y, task.v)
-    return _BYTES * (
-        _intervals(task.y) * (_intervals(task.x) + along_x)
-        + 4.0 * task.u.size * along_y
-        + 16 * task.u.size * task.v.size
-    )
-
-
 def _errors(single: float) -> Mapping[Precision, float]:
     return MappingProxyType({"double": 1e-12, "single": single})
 
 
 # Sums of hundreds of like terms in single precision are rounded the same way each time, those of cells' equal nodes the
-# most; a transform's tree of sums is not.
-_OF_PRODUCTS, _OF_CELLS, _OF_TRANSFORMS = _errors(5e-6), _errors(2e-5), _errors(1e-6)
+# most.
+_OF_PRODUCTS, _OF_CELLS = _errors(5e-6), _errors(2e-5)
 
 PARITY = FieldPath(
     "parity",
@@ -585,13 +428,4 @@ STRUCTURE = FieldPath(
     _structure_memory,
     prepare_cells,
 )
-PRUNED = FieldPath(
-    "pruned",
-    "uniform lattices on a sensor whose step divides λf / dot a whole number of times",
-    _OF_TRANSFORMS,
-    lambda task: pruned_refusal(task.x, task.y, task.rim > 0, task.u, task.v),
-    _pruned_work,
-    _pruned_memory,
-    prepare_pruned,
-)
-PATHS = (PARITY, DIRECT, STRUCTURE, PRUNED)
+PATHS = (PARITY, DIRECT, STRUCTURE)

@@ -6,6 +6,8 @@ By the divergence theorem a clear region with boundary ∂Ω, taken counter-cloc
 
 and F(0, 0) is its area. The line integral is done by Gauss-Legendre nodes along the edges, and the sum over nodes at
 all frequencies at once by a non-uniform Fourier transform of type 1 (finufft: Barnett, Magland, af Klinteberg 2019).
+Edges along x or y whose lengths are whole multiples of one length l, as most of a raster's are, need a node for each l
+and are exact: ∫ exp(-2πivy) dy along one is l sinc(vl) times the wave in its middle. They are transformed apart.
 
 Near q = 0 the two sums cancel, and the division amplifies the transform's own error by perimeter / (2π q area), about a
 hundred at the sampling of a PSF. As ∮ dx = ∮ dy = 0 and ∮ x dy = -∮ y dx is the area, the same integral is also
@@ -26,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -44,6 +46,8 @@ _LONGEST_PIECE_CYCLES = 4.0
 _RULES_PER_OCTAVE = 2
 # About as many nodes as edges have, however short, and more for every cycle.
 _FEWEST_NODES, _NODES_PER_CYCLE = 3, 3.5
+# Nodes that it must save to transform edges of one length apart; how nearly lengths are one.
+_LEAST_SAVED, _SAME_LENGTH_UM = 60_000, 1e-9
 # A finer grid than the frequencies', as coarse as finufft takes: its transform costs more than spreading the nodes.
 _UPSAMPLING = 1.25
 _NEAR_CYCLES = 0.25
@@ -56,11 +60,16 @@ _SERIES = 7
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Quadrature nodes on edges, micrometres, and weighted parts of the line element, the clear side on its left."""
+    """Quadrature nodes on edges, micrometres, and weighted parts of the line element, the clear side on its left.
+
+    Attributes:
+        length_um: of edges along x or y in whose middles the nodes are; 0 of nodes that stand for themselves.
+    """
 
     points: Floats
     dx: Floats
     dy: Floats
+    length_um: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +81,14 @@ class Boundary:
         area_um2: clear area.
         highest: highest frequency in cycles per micrometre at which the quadrature holds.
         starts: intp [k], first of the edges that have their nodes in memory at once.
-        ready: nodes of all edges, if that is all of them; made once for all wavelengths.
+        unit_um: side of most edges along x and y, which all of them together need but one node for each; 0 for none.
     """
 
     edges_um: Floats
     area_um2: float
     highest: float
     starts: Indices
-    ready: _Nodes | None
+    unit_um: float
 
     def field(self, step: float, count: int) -> Complexes:
         """The field on a square grid of frequencies centred on 0, complex [count, count], axes v and u.
@@ -96,17 +105,21 @@ class Boundary:
         extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
         # Frequencies on either side of 0 that are summed directly.
         reach = min(middle, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
-        half, near = np.zeros((count, count), dtype=np.complex128), np.zeros((2 * reach + 1,) * 2, dtype=np.complex128)
-        for nodes in self._parts():
-            if reach < middle:
-                half += _sums(nodes, step, count)
-            near += _remainders(nodes, step, reach)
         block = (slice(middle - reach, middle + reach + 1),) * 2
-        half[block] = near
-        turned = across - 1j * across[:, None]
-        turned[middle, middle] = 1.0
-        half *= 1j / (4 * np.pi) / turned
-        field: Complexes = half + half[::-1, ::-1].conj()
+        up = across[middle:, None]
+        half = np.zeros((middle + 1, count), dtype=np.complex128)
+        for nodes in self._parts(0.0 if reach else self.unit_um):
+            sums = _sums(nodes, step, count) if reach < middle else np.empty((count, count), dtype=np.complex128)
+            sums[block] = _remainders(nodes, step, reach)
+            # Sums of dy and of dx, twice, from those at opposite frequencies.
+            here, opposite = sums[middle:], sums[middle::-1, ::-1].conj()
+            share = np.sinc(nodes.length_um * across)
+            half += (across * share[middle:, None]) * (here + opposite)
+            half += 1j * (up * share) * (here - opposite)
+        squared = across**2 + up**2
+        squared[0, middle] = 1.0
+        half *= 1j / (4 * np.pi) / squared
+        field = np.concatenate([half[:0:-1, ::-1].conj(), half])
         field[block] += self.area_um2
         return field
 
@@ -117,7 +130,7 @@ class Boundary:
         """
         # Of dy and dx; with cosine and sine along y, and along x.
         sums = np.zeros((2, 2, 2, v.size, u.size))
-        for nodes in self._parts():
+        for nodes in self._parts(0.0):
             for start in range(0, nodes.dx.size, _PHASES_AT_A_TIME):
                 part = slice(start, start + _PHASES_AT_A_TIME)
                 phases = (2 * np.pi * q[:, None] * nodes.points[k, part] for k, q in enumerate((u, v)))
@@ -138,12 +151,21 @@ class Boundary:
             on_axis=bool(u[0] == 0),
         )
 
-    def _parts(self) -> Iterator[_Nodes]:
-        if self.ready is not None:
-            yield self.ready
+    def _parts(self, unit_um: float) -> Iterator[_Nodes]:
+        if self.starts.size == 1:
+            yield from self._whole if unit_um else self._plain
             return
         for edges in np.split(self.edges_um, self.starts[1:]):
-            yield _boundary_nodes(edges, self.highest)
+            yield from _boundary_nodes(edges, self.highest, unit_um)
+
+    @cached_property
+    def _plain(self) -> tuple[_Nodes, ...]:
+        """Nodes that stand for themselves, made once for all wavelengths, as are the others."""
+        return tuple(_boundary_nodes(self.edges_um, self.highest, 0.0))
+
+    @cached_property
+    def _whole(self) -> tuple[_Nodes, ...]:
+        return tuple(_boundary_nodes(self.edges_um, self.highest, self.unit_um))
 
 
 def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time: int = EDGES_AT_A_TIME) -> Boundary:
@@ -154,19 +176,38 @@ def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time:
         highest: highest frequency that will be asked for, diagonals included, cycles per micrometre.
         edges_at_a_time: bounds the memory, as the number of nodes does; the field is the same to rounding.
     """
-    cycles = np.hypot(*(edges_um[:, 2:] - edges_um[:, :2]).T) * highest
-    before = np.cumsum(_FEWEST_NODES + _NODES_PER_CYCLE * cycles)
+    span = edges_um[:, 2:].T - edges_um[:, :2].T
+    nodes = _FEWEST_NODES + _NODES_PER_CYCLE * _cycles(span, highest)
+    before = np.cumsum(nodes)
     part = np.stack([np.arange(len(edges_um)) // edges_at_a_time, before // _NODES_AT_A_TIME])
     starts = np.append(0, np.flatnonzero(np.diff(part).any(axis=0)) + 1)
-    ready = _boundary_nodes(edges_um, highest) if starts.size == 1 else None
-    return Boundary(frozen(edges_um), area_um2, highest, starts, ready)
+    lengths, counts = np.unique(np.round(abs(span).sum(axis=0)[~span.all(axis=0)], 6), return_counts=True)
+    unit_um = float(lengths[counts.argmax()]) if counts.size else 0.0
+    pieces = _pieces(span, unit_um)
+    worthwhile = nodes[pieces > 0].sum() - pieces.sum() > _LEAST_SAVED
+    return Boundary(frozen(edges_um), area_um2, highest, starts, unit_um if worthwhile else 0.0)
+
+
+def _cycles(span: Floats, highest: float) -> Floats:
+    """Most cycles along edges [2, n] where a square of frequencies has its corners at the highest one."""
+    return np.asarray(abs(span).sum(axis=0) * (highest / np.sqrt(2)))
+
+
+def _pieces(span: Floats, unit_um: float) -> Indices:
+    """Into how many of a length each edge along x or y can be cut, [n]; 0 where it cannot."""
+    length = abs(span).sum(axis=0)
+    if not unit_um:
+        return np.zeros(length.size, dtype=np.intp)
+    pieces: Indices = np.rint(length / unit_um).astype(np.intp)
+    pieces[span.all(axis=0) | (abs(pieces * unit_um - length) > _SAME_LENGTH_UM)] = 0
+    return pieces
 
 
 def _sums(nodes: _Nodes, step: float, count: int) -> Complexes:
     """Sum of dy + i dx over the nodes, each times exp(-2πi (ux + vy)).
 
     Both strengths are real, so one transform B holds the sums of both: that of dy is (B(q) + B*(-q)) / 2, that of
-    dx is (B(q) - B*(-q)) / 2i, and the field is half + its mirror image's conjugate, half = iB / 4π(u - iv).
+    dx is (B(q) - B*(-q)) / 2i.
     """
     import finufft
 
@@ -223,17 +264,24 @@ def _past_linear(phase: Floats) -> tuple[Complexes, Complexes]:
     return past, whole
 
 
-def _boundary_nodes(edges: Floats, highest: float) -> _Nodes:
-    """Gauss-Legendre nodes on directed edges."""
+def _boundary_nodes(edges: Floats, highest: float, unit_um: float) -> Iterator[_Nodes]:
+    """The middles of all edges along x and y that are whole multiples of a length; Gauss-Legendre nodes on others."""
     start, span = edges[:, :2].T, edges[:, 2:].T - edges[:, :2].T
-    cycles = np.hypot(*span) * highest
+    pieces = _pieces(span, unit_um)
+    if unit_um:
+        owner, number = expanded(pieces)
+        across, up = span[:, owner] / pieces[owner]
+        points = start[:, owner] + (number + 0.5) * np.stack([across, up])
+        yield _Nodes(np.ascontiguousarray(points), across, up, unit_um)
+        start, span = start[:, pieces == 0], span[:, pieces == 0]
+    cycles = _cycles(span, highest)
     pieces = np.maximum(1, np.ceil(cycles / _LONGEST_PIECE_CYCLES)).astype(np.intp)
     if (pieces > 1).any():
         owner, number = expanded(pieces)
         span = span[:, owner] / pieces[owner]
         start = start[:, owner] + number * span
         cycles = cycles[owner] / pieces[owner]
-    points, line = [], []
+    places, line = [], []
     # Edges of like length share a rule: most of a stop's rim is far shorter than a dot.
     shorter = _LONGEST_PIECE_CYCLES / np.maximum(cycles, 1e-12)
     finer = np.clip(np.floor(_RULES_PER_OCTAVE * np.log2(shorter)), 0, 8 * _RULES_PER_OCTAVE).astype(np.intp)
@@ -241,10 +289,11 @@ def _boundary_nodes(edges: Floats, highest: float) -> _Nodes:
         chosen = finer == number_of_rule
         nodes, weights = _rule(_LONGEST_PIECE_CYCLES / 2 ** (int(number_of_rule) / _RULES_PER_OCTAVE))
         along = span[:, chosen, None]
-        points.append((start[:, chosen, None] + (nodes + 1) / 2 * along).reshape(2, -1))
+        places.append((start[:, chosen, None] + (nodes + 1) / 2 * along).reshape(2, -1))
         line.append((weights / 2 * along).reshape(2, -1))
-    dx, dy = np.concatenate(line, axis=1)
-    return _Nodes(np.concatenate(points, axis=1), dx, dy)
+    if line:
+        dx, dy = np.concatenate(line, axis=1)
+        yield _Nodes(np.concatenate(places, axis=1), dx, dy)
 
 
 @lru_cache(maxsize=64)

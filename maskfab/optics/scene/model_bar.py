@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from maskfab.base.quantities import columns
 from maskfab.base.units import NM_PER_UM, UM_PER_MM
 from maskfab.job.camera import Camera
 from maskfab.job.process import Glass, MaskBlank
+from maskfab.optics.field.matrix import SampledField
 from maskfab.optics.field.methods import field
 from maskfab.optics.gap import gap_change
 from maskfab.optics.psf import Leak, image_scale_um2, odd_samples, point_step_um
@@ -83,13 +85,16 @@ class Omission:
     method: str
 
 
-def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission, ...]:
+def model_bar(
+    pupil: Pupil, camera: Camera, blank: MaskBlank, sampled: SampledField | None = None
+) -> tuple[Omission, ...]:
     """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
 
     Args:
         camera: what looks through the pupil; the middle one of its lines is taken.
+        sampled: the pupil's field anywhere in the camera's window, where it is known.
     """
-    return _by_size(_on_axis(_DieField.of(pupil, camera), blank))
+    return _by_size(_on_axis(_DieField.of(pupil, camera, sampled), blank))
 
 
 def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> tuple[Omission, ...]:
@@ -105,9 +110,11 @@ def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> t
     return _by_size(_of_scene(_DieField.of(pupil, camera), slope, blank))
 
 
-def bar_of_pupil(pupil: Pupil, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
-    """The bar of a pupil behind a camera, as rows of a report."""
-    return bar_quantities(model_bar(pupil, camera, blank), camera, die)
+def bar_of_pupil(
+    pupil: Pupil, camera: Camera, blank: MaskBlank, die: str | None, sampled: SampledField | None = None
+) -> tuple[Quantity, ...]:
+    """The bar of a pupil behind a camera, as rows of a report; arguments as for :func:`model_bar`."""
+    return bar_quantities(model_bar(pupil, camera, blank, sampled), camera, die)
 
 
 def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, slope: float) -> tuple[Omission, ...]:
@@ -179,13 +186,14 @@ class _DieField:
     field: Complexes
 
     @classmethod
-    def of(cls, pupil: Pupil, camera: Camera) -> _DieField:
+    def of(cls, pupil: Pupil, camera: Camera, sampled: SampledField | None = None) -> _DieField:
         line = middle_line_nm(camera)
         camera = replace(camera, wavelengths_nm=(line,))
         step = point_step_um(camera)
         reach = odd_samples(camera.window_um, step) // 2
         u = step * np.arange(0, reach + 1, _EVERY, dtype=np.float64) / image_scale_um2(camera, line)
-        return cls(pupil, camera, u, field(pupil, u, u).amplitude())
+        seen = field(pupil, u, u) if sampled is None else sampled.field(u, u)
+        return cls(pupil, camera, u, seen.amplitude())
 
     @property
     def line_nm(self) -> float:
@@ -196,11 +204,11 @@ class _DieField:
         """Frequencies of the whole grid, [n]."""
         return np.concatenate([-self.u[:0:-1], self.u])
 
-    @property
+    @cached_property
     def intensity(self) -> Floats:
         return _square(self.field) / self.pupil.energy_um2
 
-    @property
+    @cached_property
     def openings(self) -> Aperture:
         """Openings before the stop, dots that it cuts whole; what it hides is dark."""
         clear = self.pupil.whole.copy()
@@ -212,9 +220,14 @@ class _DieField:
     def open_ratio(self) -> float:
         return min(1.0, self.pupil.energy_um2 / self.camera.stop.area_um2)
 
+    @cached_property
+    def grey(self) -> Floats:
+        """Mean transmission of the dots, [ny, nx]."""
+        return self.pupil.mean_transmission
+
     def weighted(self, weight: Floats) -> Complexes:
         """The field of the openings times a weight [ny, nx], the dots at the rim grey."""
-        grey = self.pupil.mean_transmission * weight
+        grey = self.grey * weight
         grey.flags.writeable = False
         plain = Pupil.of_whole_dots(self.pupil.x, self.pupil.y, grey, self.pupil.stop)
         return field(plain, self.u, self.u, "single").amplitude()
@@ -301,7 +314,7 @@ def _lens(die: _DieField) -> Iterator[Omission]:
     vector = (_square(along_x) + _square(along_y)) / (2 * energy) - second / 2
     yield Omission("vector field", die.relative(vector), f"unpolarised light focused at f/{number:.3g}, second order")
     widths, heights = np.diff(die.pupil.x.edges_um()), np.diff(die.pupil.y.edges_um())
-    spread = float(heights @ (die.pupil.mean_transmission * square) @ widths) / energy
+    spread = float(heights @ (die.grey * square) @ widths) / energy
     apodised = (second - spread * die.intensity) / 2
     yield Omission("lens apodisation", die.relative(apodised), "amplitude cos^½ θ or cos^-½ θ over the stop")
     scale = image_scale_um2(die.camera, die.line_nm)

@@ -30,7 +30,7 @@ from maskfab.base.quantities import columns
 from maskfab.base.units import NM_PER_UM, UM_PER_NM
 from maskfab.job.camera import Camera
 from maskfab.job.values import MOST_FIELD_DEG
-from maskfab.optics.field.methods import PATHS, STRUCTURE, TRANSFORM_FLOP, FieldPath, FieldTask, Work
+from maskfab.optics.field.methods import PATHS, STRUCTURE, FieldPath, FieldTask, Work
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.gap import AXIS, MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um, moved_pupil, shift_um
 from maskfab.optics.phase import defocus_waves, image_distance_um, nearest_object_um, phased_flops
@@ -74,11 +74,11 @@ DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
 # Besides the field paths' own work, in flops of a product: of a pupil, itself, a dot, one more for grey ones, and a cut
-# dot; of a PSF, itself, a sample, and one that is brought to where its light lands; over a gap, a sample, and one's
-# phase.
+# dot; of a PSF, itself, a sample, and one that is brought to where its light lands; over a gap, a flop of a Fourier
+# transform, which moves more data than a product's, a sample, and one's phase.
 _CUT, _DOT, _GREY_DOT, _RIM_DOT = 3.2e7, 120.0, 300.0, 6.5e4
 _PSF, _PSF_SAMPLE, _LANDED = 1e7, 120.0, 4e4
-_GAP_SAMPLE, _TURN = 1300.0, 1300.0
+_TRANSFORM_FLOP, _GAP_SAMPLE, _TURN = 9.0, 1300.0, 1300.0
 # Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
 _MOST_SLOPE = 0.9
 
@@ -338,7 +338,7 @@ class CostModel:
         spectrum = 0.0 if even else 8 * count * across * (across + count)
         flops = (
             spectrum
-            + (TRANSFORM_FLOP * 2 * 5 * 2 * log2(count) + _GAP_SAMPLE) * count**2
+            + (_TRANSFORM_FLOP * 2 * 5 * 2 * log2(count) + _GAP_SAMPLE) * count**2
             + 8 * sides * middle * (middle + sides)
             + _pupil_flops(middle**2, 4 * middle * self.camera.stop.round, grey=True)
             + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
