@@ -25,8 +25,8 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import product
 
@@ -35,7 +35,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats, Singles
-from maskfab.camera.imaging import MARGIN, Blur, Margin, Transfer
+from maskfab.camera.imaging import Blur, Margin, Transfer
 from maskfab.camera.record import Noise
 from maskfab.camera.restorers.wiener import filters, prior, wiener
 from maskfab.optics.colour import code_of_light
@@ -116,9 +116,6 @@ class Stills:
     stills: Mapping[int, Still]
     few: Mapping[int, tuple[Singles, Singles, Singles]]
     products: Mapping[tuple[int, int], Floats]
-    _filters: dict[tuple[tuple[int, int], float], tuple[Transfer, Sequence[Passed]]] = field(
-        default_factory=dict, repr=False
-    )
 
     @classmethod
     def of(cls, blur: Blur, stills: Mapping[int, Still], between: tuple[float, float], *, linear: bool) -> Stills:
@@ -165,23 +162,20 @@ class Stills:
             total += _decibels(_errors(light, true, seen, passed, noise, linear=self.linear))
         return total
 
-    def psnrs(self, key: int, epsilon: float, noise: Noise, trim: int) -> tuple[float, float]:
-        """PSNR of a scene's expected error in dB, and without so many pixels, an even number, at each edge."""
-        still = self.stills[key]
-        step = _step(still.seen.shape[1])
-        gains, passed = self._filter(still.margin.shape, epsilon)
-        light = still.margin.blurred(still.spectrum, gains, step)
-        errors = _errors(light, still.true[:, ::step], still.seen[:, ::step], passed, noise, linear=self.linear)
-        return _decibels(errors), _decibels(errors[:, trim // step : -trim // step, trim:-trim])
-
-    def _filter(self, shape: tuple[int, int], epsilon: float) -> tuple[Transfer, Sequence[Passed]]:
-        """G, and the share of a record's variance that passes it in every row scored, as of :func:`_passed`; kept."""
-        if (shape, epsilon) not in self._filters:
-            self._filters.clear()
-            gains = filters(self.blur, shape, epsilon)
-            sides = shape[0] - 2 * MARGIN, shape[1] - 2 * MARGIN
-            self._filters[shape, epsilon] = gains, [_passed(gain, sides, _step(sides[0])) for gain in gains]
-        return self._filters[shape, epsilon]
+    def psnrs(
+        self, keys: Iterable[int], epsilon: float, noise: Noise, trim: int
+    ) -> Iterator[tuple[int, tuple[float, float]]]:
+        """PSNRs of scenes' expected errors in dB, and without so many pixels, an even number, at each edge; by key."""
+        passed: dict[tuple[int, int], list[Passed]] = {}
+        for key in keys:
+            still, shape = self.stills[key], self.stills[key].margin.shape
+            step, gains = _step(still.seen.shape[1]), filters(self.blur, shape, epsilon)
+            if shape not in passed:
+                passed = {shape: [_passed(gain, still.seen.shape[1:], step) for gain in gains]}
+            light = still.margin.blurred(still.spectrum, gains, step)
+            true, seen = still.true[:, ::step], still.seen[:, ::step]
+            errors = _errors(light, true, seen, passed[shape], noise, linear=self.linear)
+            yield key, (_decibels(errors), _decibels(errors[:, trim // step : -trim // step, trim:-trim]))
 
 
 def _errors(

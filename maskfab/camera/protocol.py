@@ -314,9 +314,8 @@ class _Case:
         self, test: Sequence[Photograph], epsilon: float, noise: Noise, stills: Stills, *, pictures: bool
     ) -> Iterator[tuple[Score, Singles | None]]:
         """Scores on the mean over the noise, with pictures in a draw of it where these are wanted or scored too."""
-        for key in map(id, test):
+        for key, heights in stills.psnrs(map(id, test), epsilon, noise, TRIM):
             picture = self._restored(Wiener(), key)(epsilon) if pictures or self.likenesses else None
-            heights = stills.psnrs(key, epsilon, noise, TRIM)
             yield self._score(key, picture, epsilon, Wiener().name, heights=heights), picture
 
     def scored(
