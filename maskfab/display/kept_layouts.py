@@ -42,9 +42,12 @@ class KeptLayouts:
 @cache
 def shipped(file: Path = FILE) -> KeptLayouts:
     """Those that come with the program; none of a file that is damaged."""
-    with suppress(OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error), file.open("rb") as own:
-        with np.load(own) as stored:
-            return KeptLayouts(dict(stored))
+    with (
+        suppress(OSError, ValueError, EOFError, KeyError, BadZipFile, zlib.error),
+        file.open("rb") as own,
+        np.load(own) as stored,
+    ):
+        return KeptLayouts(dict(stored))
     return KeptLayouts()
 
 
