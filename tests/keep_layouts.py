@@ -6,7 +6,6 @@ kept of dies that ship no more is left out.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -14,9 +13,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
+
 from maskfab.base.resources import path
 from maskfab.display.feasibility import displays
-from maskfab.display.kept_layouts import FILE, KeptLayouts, Layout, Packed, pack
+from maskfab.display.kept_layouts import FILE, KeptLayouts, Layout
 from maskfab.job.read import read
 from maskfab.mask.job import load_job
 
@@ -26,9 +27,9 @@ USERS = ("emitter_pieces", "placement", "wiring")
 
 @dataclass(frozen=True)
 class Recorder(KeptLayouts):
-    """Keeps nothing, and packs what every search finds."""
+    """Searches for everything, and keeps what is found."""
 
-    packed: dict[str, Packed] = field(default_factory=dict)
+    layouts: dict[str, np.ndarray] = field(default_factory=dict)
 
     def layout(
         self, origin: str, proved: Callable[[Layout], bool], search: Callable[[], Layout | None]
@@ -36,11 +37,11 @@ class Recorder(KeptLayouts):
         found = search()
         if found is not None:
             assert proved(found), "a search keeps the rules by which it is proved"
-            self.packed[origin] = pack(found)
+            self.layouts[origin] = found
         return found, False
 
 
-def searched(jobs: Iterable[Path]) -> dict[str, Packed]:
+def searched(jobs: Iterable[Path]) -> dict[str, np.ndarray]:
     """Everything that the displays of some jobs search for."""
     recorder = Recorder()
     with ExitStack() as patches:
@@ -48,15 +49,14 @@ def searched(jobs: Iterable[Path]) -> dict[str, Packed]:
             patches.enter_context(mock.patch(f"maskfab.display.{user}.shipped", return_value=recorder))
         for job in jobs:
             displays(load_job(job))
-    return recorder.packed
+    return recorder.layouts
 
 
 def main() -> int:
     """Write the file."""
     jobs = [each for each in sorted(path("layouts").glob("*.toml")) if (spec := read(each)).emitters and spec.die]
     found = searched(jobs)
-    lines = (f"{json.dumps(origin)}: {json.dumps(packed)}" for origin, packed in sorted(found.items()))
-    FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    np.savez_compressed(FILE, **dict(sorted(found.items())))
     print(f"{len(found)} layouts of {len(jobs)} jobs, {FILE.stat().st_size / 1000:.0f} kB")
     return 0
 

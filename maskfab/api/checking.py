@@ -140,9 +140,9 @@ class Rendering(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        from maskfab.report.pages import pictures as render_files
+        from maskfab.report.documents.display import render_document
 
-        return render_files.render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
+        return render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
 
     def save(self, out: Annotated[str | Path, "FOLDER"], progress: InPython[Progress] = silent) -> list[Path]:
         """Write emitted light, the image that the eye sees, a comparison and the results into a new directory.

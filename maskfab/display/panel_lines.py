@@ -233,9 +233,12 @@ class _Field:
             if first == last:
                 at = first
             elif at < first:
-                led = range(max(first, nearest[at]), min(last, farthest[at]) + 1)
-                at = led[0]
-                if len(led) > 1:
+                # Comparisons take a third of the time of min and max, and this is most of a search's.
+                near, far = nearest[at], farthest[at]
+                near, far = first if near < first else near, last if far > last else far
+                at = near
+                if near < far:
+                    led = range(near, far + 1)
                     ends = [(start if it == first else lows[it], end if it == last else highs[it], it) for it in led]
                     at = _chosen(ends, least, most, wished)
             low_here = start if at == first else lows[at]

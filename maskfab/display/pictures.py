@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from maskfab.base.arrays import Floats, Singles
 from maskfab.base.errors import JobError, SourceError
 from maskfab.base.files import no_file
+from maskfab.base.model import frozen
 from maskfab.mask.formats.tiff import said_by, shown_alike
 from maskfab.optics.colour import light_of_code
 
@@ -276,6 +278,7 @@ def text(pixels: int) -> Floats:
     return _grey(page[::-1])
 
 
+@lru_cache(maxsize=4)
 def leaves(pixels: int, seed: int = 1) -> Floats:
     """Discs of all sizes and muted colours that hide one another, whose statistics are those of photographs.
 
@@ -304,7 +307,7 @@ def leaves(pixels: int, seed: int = 1) -> Floats:
         if not left:
             break
     picture[bare] = 0.18
-    return np.asarray(picture.reshape(pixels, scale, pixels, scale, 3).mean(axis=(1, 3)))
+    return frozen(picture.reshape(pixels, scale, pixels, scale, 3).mean(axis=(1, 3)))
 
 
 def _letters(strip: Floats, pixels: int, line: int) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from operator import sub
 from typing import TypeAlias
 
@@ -194,29 +194,20 @@ def _on_tiles(panel: Panel, broken: Callable[[_Tile], tuple[Violation, ...]]) ->
 
 def _unlike(pairs: Iterable[_Pair]) -> list[_Pair]:
     """Pairs of which none is another that is turned or mirrored as a whole, and so keeps the same rules."""
-    unlike: dict[_Pair, _Pair] = {}
-    for one, other, step in pairs:
-        alike = []
-        for turned, moved in _turns():
-            first, second = (cell - cell % ORIENTATIONS + turned[cell % ORIENTATIONS] for cell in (one, other))
-            right, up = moved[step]
-            alike += [(first, second, (right, up)), (second, first, (-right, -up))]
-        unlike.setdefault(min(alike), (one, other, step))
-    return list(unlike.values())
+    return list({_first_turned(pair): pair for pair in pairs}.values())
 
 
-@cache
-def _turns() -> tuple[tuple[tuple[int, ...], dict[Point, Point]], ...]:
-    """For every element of D4, which each orientation becomes when it follows, and where steps to neighbours lead."""
-    marks = np.arange(9).reshape(3, 3)
-    kinds = [orient(marks, kind).tobytes() for kind in range(ORIENTATIONS)]
-    turns = []
-    for element in range(ORIENTATIONS):
-        turned = tuple(kinds.index(orient(orient(marks, kind), element).tobytes()) for kind in range(ORIENTATIONS))
-        places = orient(marks, element).ravel().tolist()
-        steps = [(places.index(mark) % 3 - 1, places.index(mark) // 3 - 1) for mark in range(9)]
-        turns.append((turned, {(mark % 3 - 1, mark // 3 - 1): step for mark, step in enumerate(steps)}))
-    return tuple(turns)
+@lru_cache(maxsize=2048)
+def _first_turned(pair: _Pair) -> bytes:
+    """The same of all pairs that are one and the same, turned or mirrored."""
+    one, other, (right, up) = pair
+    corners, drawn = np.arange(4).reshape(2, 2), []
+    for first, second, x, y in ((one, other, right, up), (other, one, -right, -up)):
+        tile = np.full((3, 2, 3, 2), -1)
+        for cell, row, column in ((first, 1, 1), (second, 1 + y, 1 + x)):
+            tile[row, :, column] = cell // ORIENTATIONS * 4 + orient(corners, cell % ORIENTATIONS)
+        drawn += [orient(tile.reshape(6, 6), turn).tobytes() for turn in range(ORIENTATIONS)]
+    return min(drawn)
 
 
 def _pairs(panel: Panel) -> list[_Pair]:

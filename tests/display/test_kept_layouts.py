@@ -11,7 +11,7 @@ from keep_layouts import USERS, Recorder
 from maskfab.base.resources import path
 from maskfab.display import emitter_pieces, placement
 from maskfab.display.feasibility import display_rules, feasibility
-from maskfab.display.kept_layouts import KeptLayouts, origin_of, pack, shipped, unpack
+from maskfab.display.kept_layouts import FILE, KeptLayouts, origin_of, shipped
 from maskfab.mask.job import load_job
 
 
@@ -46,8 +46,8 @@ def test_what_is_kept_of_a_die_is_what_searches_find(asked, taking):
     taking(recorder)
     searched = feasibility(*asked)
     assert searched.kept == ()
-    assert len(recorder.packed) >= 3
-    assert recorder.packed.items() <= shipped().packed.items()
+    assert len(recorder.layouts) >= 3
+    assert all(np.array_equal(found, shipped().layouts[origin]) for origin, found in recorder.layouts.items())
     assert np.array_equal(searched.emitters.labels, taken.emitters.labels)
     assert [lines.paths for lines in searched.wiring.laid] == [lines.paths for lines in taken.wiring.laid]
     assert (searched.broken, searched.wiring.broken) == ((), ()) == (taken.broken, taken.wiring.broken)
@@ -97,11 +97,8 @@ LINES = {
 
 def tampered(change, kind) -> KeptLayouts:
     """Everything that ships, with a change to all layouts of a type."""
-    changed = dict(shipped().packed)
-    for origin, packed in changed.items():
-        if packed["type"] == kind:
-            changed[origin] = pack(change(unpack(packed)))
-    return KeptLayouts(changed)
+    shown = shipped().layouts
+    return KeptLayouts({origin: change(kept) if kept.dtype == kind else kept for origin, kept in shown.items()})
 
 
 @pytest.mark.parametrize("change", LABELS.values(), ids=LABELS)
@@ -128,23 +125,21 @@ def test_wires_that_break_a_rule_are_searched_for(asked, taking, change):
             feasibility(*asked)
 
 
-@pytest.mark.parametrize(
-    "damage", [{"steps": "no base 85 \n"}, {"shape": [3, 3]}, {"type": "object"}, {"steps": ""}, {"shape": None}]
-)
-def test_what_is_no_layout_is_searched_for(damage):
-    (origin, packed), *_ = shipped().packed.items()
-    kept = KeptLayouts({origin: {**packed, **damage}})
-    assert kept.layout(origin, lambda _: True, lambda: np.zeros(3))[1] is False
+def test_a_damaged_file_keeps_nothing(tmp_path):
+    whole = FILE.read_bytes()
+    assert shipped().layouts
+    for name, content in {
+        "short": whole[:-30],
+        "none": b"",
+        "other": b"{}",
+        "changed": whole[:90] + b"\0" + whole[91:],
+    }.items():
+        (tmp_path / name).write_bytes(content)
+        assert shipped(tmp_path / name) == KeptLayouts()
+    assert shipped(tmp_path / "not there") == KeptLayouts()
 
 
 def test_every_input_of_a_search_counts():
     given = [(1, 2.0), (1, 2), (1.0, 2), (np.zeros(2), 1), (np.zeros(2, np.int8), 1), (np.zeros((1, 2)), 1), ("1", 2)]
     origins = {origin_of(name, version, *each) for each in given for name in ("a", "b") for version in (1, 2)}
     assert len(origins) == 4 * len(given)
-
-
-def test_a_layout_is_unpacked_as_it_was():
-    for layout in (np.arange(-60, 66, dtype=np.int8).reshape(9, 14), np.array([[0, 5, -7], [0, 2_000_000_000, 3]])):
-        back = unpack(pack(layout))
-        assert back.dtype == layout.dtype
-        assert np.array_equal(back, layout)

@@ -1,4 +1,5 @@
-"""A die's display as documents and as text: its part of report.json, and what ``maskfab check`` tells of it."""
+"""A die's display as documents and as text: its part of report.json, and what ``maskfab check`` tells of it and of its
+look."""
 
 from __future__ import annotations
 
@@ -8,11 +9,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from maskfab.base import __version__
 from maskfab.base.model import COLOURS, Die, Quantity
 from maskfab.base.quantities import registered
-from maskfab.base.units import NM_PER_UM
+from maskfab.base.units import NM_PER_UM, UM_PER_MM, dpi
 from maskfab.display.circuits import Circuits
 from maskfab.display.emitter_rules import Certificate, Verdict
+from maskfab.display.eye import SeenPanel
 from maskfab.display.eye_and_life import Judgement, Limited, kept
 from maskfab.display.feasibility import Feasibility, PlateWithDisplays
 from maskfab.display.placement import LargestGap
@@ -322,6 +325,30 @@ def _checked_die(die: Die, display: Feasibility | None, gap: LargestGap | None, 
             excluded_um=None if gap.excluded_nm is None else gap.excluded_nm / NM_PER_UM,
         ),
     )
+
+
+_RENDERED_VERSION = 1
+
+
+def render_document(panels: Sequence[SeenPanel], samples: int, job_hash: str, unused: Sequence[str] = ()) -> Document:
+    """Everything that was measured, and what of the job was not used; what render.json and ``--json`` say."""
+    viewing = panels[0].viewing
+    return {
+        "schema_version": _RENDERED_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": job_hash,
+        "viewing": {"distance_mm": viewing.distance_um / UM_PER_MM, "samples_per_pixel": samples},
+        "dies": [
+            {
+                "name": panel.name,
+                "pitch_um": panel.viewing.pitch_um,
+                "dpi": dpi(panel.viewing.pitch_um),
+                "quantities": [quantity_document(quantity) for quantity in panel.quantities],
+            }
+            for panel in panels
+        ],
+        "unused": list(unused),
+    }
 
 
 Line = tuple[str, str]

@@ -28,10 +28,10 @@ from maskfab.display.surround import BORDER
 from maskfab.findings.analysis import Analysis
 from maskfab.mask.formats.exr import Facts, psf_facts, write_exr, write_png, write_psf
 from maskfab.optics.colour import code_of_light
+from maskfab.report.documents.display import render_document
 from maskfab.report.documents.shape import document_text
 from maskfab.report.figures import die, scene
 from maskfab.report.figures.sheet import INK, QUIET, bitmap, place, styled
-from maskfab.report.text import quantity_document
 
 _TITLES: Mapping[str, str] = MappingProxyType(
     {
@@ -175,31 +175,7 @@ def _scale_bar(axes: Axes, side_um: float) -> None:
     axes.text(share + 0.03, y, words, transform=axes.transAxes, va="center", color=QUIET, fontsize=7.5)
 
 
-SCHEMA_VERSION = 1
 DOCUMENT, FIGURE = "render.json", "render.png"
-
-
-def render_document(
-    panels: Sequence[SeenPanel], samples: int, job_hash: str, unused: Sequence[str] = ()
-) -> dict[str, Any]:
-    """Everything that was measured, and what of the job was not used; what render.json and ``--json`` say."""
-    viewing = panels[0].viewing
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "maskfab_version": __version__,
-        "job_hash": job_hash,
-        "viewing": {"distance_mm": viewing.distance_um / UM_PER_MM, "samples_per_pixel": samples},
-        "dies": [
-            {
-                "name": panel.name,
-                "pitch_um": panel.viewing.pitch_um,
-                "dpi": dpi(panel.viewing.pitch_um),
-                "quantities": [quantity_document(quantity) for quantity in panel.quantities],
-            }
-            for panel in panels
-        ],
-        "unused": list(unused),
-    }
 
 
 def write_rendering(
