@@ -21,7 +21,6 @@ from maskfab.base.work import Progress, silent
 from maskfab.base.workers import Workers
 from maskfab.mask.job import Job, load_job
 from maskfab.optics.metrics import fast_lens
-from maskfab.report.pages.viewer import shown_run, viewer_page
 from maskfab.runs import pipeline
 from maskfab.runs.forecast import Forecast
 from maskfab.runs.forecast import dry_run as forecast_run
@@ -220,6 +219,8 @@ def view(directory: AnyPath, out: Annotated[str | Path | None, "PAGE.html"] = No
         what = f"{target} lies in the finished run, whose manifest does not know it"
         raise OutputError("MF401", what, where="--out", cure="Give --out a path beside the directory")
     check_file(target, force=force)
+    from maskfab.report.pages.viewer import shown_run, viewer_page  # slow to load
+
     shown = shown_run(folder, _address(folder, target))
     page = viewer_page(shown)
     write_text(target, page, replace=force)

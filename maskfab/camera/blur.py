@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Floats

@@ -25,7 +25,7 @@ from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from maskfab.base.arrays import Indices, Ints, Mask
 
@@ -202,8 +202,10 @@ class Packing:
         }
         needed = sum(self.kinds[number].count * covers[number] for number in subset)
         swept = self._swept[subset]
-        labels, areas = ndimage.label(swept)
-        parts = [(where, labels[where] == number) for number, where in enumerate(ndimage.find_objects(labels), start=1)]
+        labels, areas = scipy.ndimage.label(swept)
+        parts = [
+            (where, labels[where] == number) for number, where in enumerate(scipy.ndimage.find_objects(labels), start=1)
+        ]
         points = 0
         for _, area in parts:
             fewest = _Lines.fewest(area, spacing).points

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from maskfab.base.arrays import Mask
 from maskfab.base.model import ORIENTATIONS, CircuitBox, Opening, Panel, refined
@@ -167,7 +167,7 @@ class _Pixel:
 
 def _reached(closed: Mask) -> Mask:
     """Closed dots from which a chain of closed dots that share sides leads to the pixel's side."""
-    pieces, _ = ndimage.label(closed)
+    pieces, _ = scipy.ndimage.label(closed)
     rim = np.concatenate([pieces[0], pieces[-1], pieces[:, 0], pieces[:, -1]])
     return np.asarray(np.isin(pieces, rim[rim > 0]))
 

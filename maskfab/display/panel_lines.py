@@ -24,9 +24,8 @@ from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
+import scipy
 from klayout import db
-from scipy import ndimage, sparse
-from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Ints, Labels, Mask
 from maskfab.base.model import Panel, Point, side_by_side
@@ -320,9 +319,9 @@ def _used(begin: Ints, after: Ints, ends: tuple[Mask, Mask]) -> Mask:
         # One more place leads to all of an end.
         starts = np.flatnonzero(end)
         rows, columns = np.append(one, np.full(starts.size, many.size)), np.append(other, starts)
-        graph = sparse.csr_matrix((np.ones(rows.size), (rows, columns)), shape=(many.size + 1,) * 2)
+        graph = scipy.sparse.csr_matrix((np.ones(rows.size), (rows, columns)), shape=(many.size + 1,) * 2)
         reached = np.zeros(many.size + 1, dtype=np.bool_)
-        reached[csgraph.breadth_first_order(graph, many.size, return_predecessors=False)] = True
+        reached[scipy.sparse.csgraph.breadth_first_order(graph, many.size, return_predecessors=False)] = True
         used &= reached[:-1]
     return used
 
@@ -534,8 +533,8 @@ class _Chains:
         cost = np.concatenate((self.passing, from_first, to_last))
         # One more than the cost for every link, so that of equal chains the shortest is taken.
         links = size + 2
-        graph = sparse.coo_matrix((cost * links + 1, (tail, head)), shape=(links, links)).tocsr()
-        distance, before = csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+        graph = scipy.sparse.coo_matrix((cost * links + 1, (tail, head)), shape=(links, links)).tocsr()
+        distance, before = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
         chain, at = [], int(before[stop])
         while at != start:
             chain.append(at)
@@ -559,7 +558,7 @@ def _passing(gap: Ints, rules: WireRules) -> Ints:
 
 def _pieces(upright: Mask, panel: Panel) -> list[Ints]:
     """Openings of a cell, each as the lower left corners of its rim's dots, along and across, from the cell's own."""
-    labels, count = ndimage.label(upright, structure=_TOUCHING)
+    labels, count = scipy.ndimage.label(upright, structure=_TOUCHING)
     padded = np.pad(upright, 1)
     inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
     rim = np.where(inner, 0, labels)

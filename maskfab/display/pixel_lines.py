@@ -19,7 +19,6 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.sparse import csgraph
 
 from maskfab.base.arrays import Indices, Ints, Mask
 from maskfab.base.model import Opening
@@ -103,7 +102,7 @@ class Net:
         tail, head = np.concatenate(tails), np.concatenate(heads)
         data = np.ones(tail.size, dtype=np.int32)
         graph = scipy.sparse.csr_matrix((data, (tail, head)), shape=(2 * size + 2, 2 * size + 2))
-        return csgraph.maximum_flow(graph, source, sink)
+        return scipy.sparse.csgraph.maximum_flow(graph, source, sink)
 
     def _walk(self, start: int, onward: dict[int, list[int]]) -> list[int]:
         """One unit of flow from a dot to the sink, loops left out."""

@@ -34,7 +34,7 @@ from functools import cached_property, partial
 from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
@@ -88,7 +88,7 @@ class ProcessSpread:
 
     def deviations(self, process: Process) -> tuple[Floats, Floats]:
         """Equally likely deviations of bias and radius, [n, n] of all pairs; a radius below zero counts as zero."""
-        steps = ndtri((np.arange(_STEPS) + 0.5) / _STEPS)
+        steps = scipy.special.ndtri((np.arange(_STEPS) + 0.5) / _STEPS)
         none = np.zeros(1)
         x = steps if self.bias_um else none
         y = np.maximum(steps, -process.corner_radius_um / self.radius_um) if self.radius_um else none

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from scipy.special import ndtri
+import scipy
 
 from maskfab.base.model import COLOURS, ORIENTATIONS, Die, Quantity
 from maskfab.base.units import NM_PER_UM, UM_PER_INCH, UM_PER_MM
@@ -298,7 +298,7 @@ def footprint_band(
         red, green, blue = (share * area / pixel_um2 for share, area in zip(left, drawn.areas_um2, strict=True))
         return footprint_of((red, green, blue), rules)
 
-    off = float(ndtri((1 + SHARE) / 2)) * spread.bias_um
+    off = float(scipy.special.ndtri((1 + SHARE) / 2)) * spread.bias_um
     wide, narrow = (footprint(process.cd_bias_um + change) for change in (off, -off))
     rounding = abs(wide - footprint(process.cd_bias_um + off + 2 * _ROUNDING_UM))
     return (

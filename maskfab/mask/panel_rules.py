@@ -14,10 +14,8 @@ from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
+import scipy
 from klayout import db
-from scipy.ndimage import find_objects, label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from maskfab.base.arrays import Floats, Ints, Mask
 from maskfab.base.model import CLEAR, Box, Die, Panel, Polygon
@@ -167,13 +165,13 @@ def parts(cells: PanelCells, *, clear: bool) -> Parts:
     boxes: list[list[int]] = []
     areas: list[Floats] = []
     for code, raster in enumerate(rasters):
-        numbered, count = label(raster)
+        numbered, count = scipy.ndimage.label(raster)
         labels[code][raster] = numbered[raster] - 1 + len(owners)
         owners += [code] * count
         dots_nm2 = np.outer(widths, widths).ravel()
         sums = np.bincount(numbered.ravel(), weights=dots_nm2, minlength=count + 1)
         areas.append(sums[1:].astype(np.float64))
-        for ys, xs in find_objects(numbered):
+        for ys, xs in scipy.ndimage.find_objects(numbered):
             boxes.append([int(edges[k]) for k in (xs.start, ys.start, xs.stop, ys.stop)])
     inner = np.ones(len(owners), dtype=np.bool_)
     for side in (labels[:, 0], labels[:, -1], labels[:, :, 0], labels[:, :, -1]):
@@ -221,8 +219,8 @@ def islands(cells: PanelCells, *, clear: bool) -> Islands:
             here = np.broadcast_to(base[border][:, None], touching.shape)[met] + local[touching[met]]
             ends.append(np.stack([here, np.full_like(here, outside)]))
     one, two = np.concatenate(ends, axis=1)
-    graph = coo_array((np.ones(one.size, dtype=np.int8), (one, two)), shape=(outside + 1, outside + 1))
-    _, belongs = connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(one.size, dtype=np.int8), (one, two)), shape=(outside + 1, outside + 1))
+    _, belongs = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return Islands(labels, node_cells, nodes, belongs[:-1].astype(np.int64), int(belongs[-1]))
 
 

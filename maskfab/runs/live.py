@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -22,9 +23,6 @@ from maskfab.base.work import Progress
 from maskfab.display.feasibility import Feasibility
 from maskfab.findings.photographs import Restored
 from maskfab.optics.metrics import auc_radial_min
-from maskfab.report.figures.die import panel_thumbnail, psf_thumbnail
-from maskfab.report.figures.scene import front
-from maskfab.report.pages.template import page_environment, style
 
 
 class Live:
@@ -37,8 +35,13 @@ class Live:
 
     def __init__(self, progress: Progress, page: Path | None = None, *, force: bool = False) -> None:
         """Raises OutputError MF401, MF402 for a page that cannot be written."""
+        self._of_die: Any = None
+        self._of_scene: Any = None
         if page is not None:
             check_file(page, force=force)
+            from maskfab.report.figures import die, scene  # slow to load
+
+            self._of_die, self._of_scene = die, scene
         self._progress, self._page, self._lock = progress, page, Lock()
         self._stage, self._end = "", ""
         self._dies: dict[str, tuple[list[str], list[str]]] = {}
@@ -64,7 +67,7 @@ class Live:
         """Dies, before anything is found of them."""
         side_nm = 3 * max((die.panel.pitch_nm for die in dies), default=1)
         for die in dies:
-            self._dies[die.name] = [], [] if self._page is None else [panel_thumbnail(die.panel, side_nm)]
+            self._dies[die.name] = [], [] if self._page is None else [self._of_die.panel_thumbnail(die.panel, side_nm)]
         for die in dies:
             self._tell(
                 die.name, f"{die.panel.open_ratio:.1%} clear, {die.panel.opening.name}, {die.panel.tiling.value}"
@@ -73,16 +76,12 @@ class Live:
     def photographed(self, name: str, restored: Restored) -> None:
         """Photographs through a die, restored."""
         levels = sorted({score.level_db for score in restored.scores})
-        found, light = (
-            ", ".join(map(form, levels)) for form in (lambda level: f"{restored.psnr(level):.1f}", "{:g}".format)
-        )
-        shown = () if self._page is None or not restored.shots else front(restored, restored.shots[-1].score.level_db)
-        words = (
-            f"restored photographs {found} dB at {light} dB of light"
-            if levels
-            else f"no photographs: {restored.refused}"
-        )
-        self._tell(name, words, *dict(shown).values())
+        found = ", ".join(f"{restored.psnr(level):.1f} dB at {level:g} dB" for level in levels)
+        words = f"photographs restored to {found} of light" if levels else f"no photographs: {restored.refused}"
+        shown = {}
+        if self._page is not None and restored.shots:
+            shown = self._of_scene.front(restored, restored.shots[-1].score.level_db)
+        self._tell(name, words, *shown.values())
 
     def placed(self, displays: Mapping[str, Feasibility]) -> None:
         """Whether displays fit, by die."""
@@ -93,7 +92,7 @@ class Live:
         """PSF and MTF of the die as its files draw it."""
         middle = sorted(optics.mtfs, key=lambda mtf: mtf.wavelength_nm)[len(optics.mtfs) // 2]
         area = auc_radial_min(middle, optics.die.name).value
-        pictures = () if self._page is None else (psf_thumbnail(optics.psfs[len(optics.psfs) // 2]),)
+        pictures = () if self._page is None else (self._of_die.psf_thumbnail(optics.psfs[len(optics.psfs) // 2]),)
         self._tell(optics.die.name, f"worst MTF {area:.3f} on average at {middle.wavelength_nm:g} nm", *pictures)
 
     def ended(self, folder: Path) -> None:
@@ -114,6 +113,8 @@ class Live:
     def _write(self) -> None:
         if self._page is None:
             return
+        from maskfab.report.pages.template import page_environment, style  # slow to load
+
         with self._lock:
             page = page_environment().from_string(template("live.html.j2"))
             dies = {name: (said, [Markup(picture) for picture in seen]) for name, (said, seen) in self._dies.items()}

@@ -18,7 +18,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import scipy.fft
+import scipy
 
 from maskfab.base import files
 from maskfab.base.arrays import write_arrays

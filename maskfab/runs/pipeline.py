@@ -40,7 +40,7 @@ from maskfab.runs.plate_files import (
     write_psfs,
 )
 from maskfab.runs.recall import CachingExecutor
-from maskfab.runs.result import TAKEN, PlateFindings, Result, draw_pictures, report_texts
+from maskfab.runs.result import TAKEN, PlateFindings, Result
 from maskfab.runs.stages import (
     begin_photographs,
     executor_of,
@@ -130,6 +130,8 @@ def _make(
     workers: Workers,
 ) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
+    from maskfab.runs.drawing import draw_pictures, report_texts  # slow to load, and kept runs draw nothing
+
     seconds: dict[str, float] = {}
     with executor_of(job, cache, workers) as executor:
         stage = partial(_stage, seconds=seconds, executor=executor, progress=progress)
@@ -163,11 +165,15 @@ def _make(
                 files += write_psfs(psfs := psfs_as_files(job, made, optics), folder)
             with stage("scene"):
                 scenes = measure_scenes(job, seen, plans, layout, progress, seconds, executor)
-            of_psfs = (row for psf in psfs for row in check_psf_file(psf, folder))
-            read = (*back.quantities, *of_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, seconds)
             with stage("tolerance"):
                 changes = expand_photographs(job, seen, progress, seconds, executor)
+            read = (
+                *back.quantities,
+                *(row for psf in psfs for row in check_psf_file(psf, folder)),
+                *made.account(),
+                *shop_quantities(job, made),
+            )
             findings = PlateFindings(job, built, read, optics, scenes, restored, written, changes, measured)
             report = findings.report(files, seconds)
             with stage("figures"):
@@ -178,8 +184,8 @@ def _make(
                 (folder / name).write_text(text, encoding="utf-8")
             write_manifest(job, files, folder)
             check_agreement(folder)
-            accounts = executor.accounts if isinstance(executor, CachingExecutor) else ()
-            result = _Made(report, findings.verdicts(report), executor.tally, accounts, back.quantities)
+            kept = executor.accounts if isinstance(executor, CachingExecutor) else ()
+            result = _Made(report, findings.verdicts(report), executor.tally, kept, back.quantities)
             (folder / TIMES).write_text(times_text(job.digest, seconds, result.accounts, costs.rows), encoding="utf-8")
             if cache is not None:
                 keep_result(cache, origin_of_run(job, measured), folder, result, _Made)

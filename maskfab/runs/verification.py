@@ -69,7 +69,7 @@ from maskfab.report.pages.viewer import shown_run, viewer_page
 from maskfab.report.verdicts import Verdicts
 from maskfab.runs.pipeline import run
 from maskfab.runs.plate_files import auxiliary_files, check_packages, draw_files, psfs_as_files, shop_quantities
-from maskfab.runs.result import PlateFindings, die_quantities, draw_pictures
+from maskfab.runs.result import PlateFindings, die_quantities
 from maskfab.runs.stages import (
     begin_photographs,
     executor_of,
@@ -203,6 +203,8 @@ def _made_again(
     yield from rows
     alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
     alike = alike and not any(row.name == _SCHEMA for row in rows)
+    from maskfab.runs.drawing import draw_pictures  # slow to load
+
     overview, pictures = draw_pictures(findings, now, executor)
     for name, differs in (
         *_aids_differ(folder, findings),

@@ -42,7 +42,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
-import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maskfab.base.arrays import Singles
@@ -107,8 +106,17 @@ THRESHOLD = 2.8
 
 _LEFT = 1 / 16
 _STRIP = 32  # rows of windows worked on at a time: what they hold stays small, whatever the picture
-_COSINES = scipy.fft.dct(np.eye(WINDOW), norm="ortho", axis=0).astype(np.float32)
-_OPPONENT = scipy.fft.dct(np.eye(3), norm="ortho", axis=0).astype(np.float32)
+
+
+def _cosines(count: int) -> Singles:
+    """Matrix of the orthonormal DCT-II, as scipy's, which is slow to load."""
+    order, place = np.arange(count)[:, None], np.arange(count) + 0.5
+    waves = np.sqrt(2 / count) * np.cos(np.pi / count * order * place)
+    waves[0] /= np.sqrt(2)
+    return waves.round(15).astype(np.float32)
+
+
+_COSINES, _OPPONENT = _cosines(WINDOW), _cosines(3)
 
 
 @dataclass(frozen=True)

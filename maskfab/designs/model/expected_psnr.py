@@ -49,7 +49,7 @@ from functools import cached_property, lru_cache
 from types import MappingProxyType
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 from maskfab.base.arrays import Complexes, Floats, Indices, Ints, Mask, Singles

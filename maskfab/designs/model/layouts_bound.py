@@ -31,7 +31,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-import scipy.fft
+import scipy
 from scipy import optimize
 
 from maskfab.base.arrays import Complexes, Floats, Ints

@@ -14,8 +14,8 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import scipy
 from klayout import db
-from scipy import ndimage
 
 from maskfab.base import __version__
 from maskfab.base.arrays import Ints, Mask
@@ -354,7 +354,7 @@ def _how(mark: Mark, left: Boundary, clear: Boundary) -> str:
 def _may_be_barred(clear: Boundary) -> bool:
     """Whether a mark has a hole, or touches itself at a corner, so that bars have to open it."""
     seen = _parts(clear)[2] > 0
-    holes = ndimage.label(np.pad(~seen, 1, constant_values=True))[1] > 1
+    holes = scipy.ndimage.label(np.pad(~seen, 1, constant_values=True))[1] > 1
     ones, others = seen[1:, 1:] & seen[:-1, :-1], seen[1:, :-1] & seen[:-1, 1:]
     touches = (ones & ~(seen[1:, :-1] | seen[:-1, 1:])) | (others & ~(seen[1:, 1:] | seen[:-1, :-1]))
     return bool(holes or touches.any())
