@@ -240,7 +240,7 @@ class _Annealing:
         self.held, self.covers, self.areas, self.edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
         # Light of each colour, and after it what a move changes, in the order of its changes.
         self.parts, self.shares, self.sum = np.zeros((6, terms)), np.zeros(6), np.empty(terms)
-        self.lights, self.shared = list(self.parts), memoryview(self.shares).cast("B").cast("d")
+        self.lights, self.shared = list(self.parts), self.shares.data.cast("B").cast("d")
         self.shifts = both_ways(squares.stride, squares.width - 1)
         widest = 3 * squares.width + 2 * squares.gap
         self.raw = bytearray((widest * stride + 7) // 8)
