@@ -31,7 +31,7 @@ from maskfab.display.emitter_rules import Certificate, EmitterGrid, EmitterRules
 from maskfab.display.emitter_shapes import Ratio, labelled, proved_shapes
 from maskfab.display.evenness import Evenness, evenness_of, sight
 from maskfab.display.eye import DEFAULT_GRAIN
-from maskfab.display.free_area import Squares, border_margin, free_region
+from maskfab.display.free_area import Squares, border_margin, both_ways, free_region
 from maskfab.display.kept_layouts import origin_of, shipped
 from maskfab.optics.colour import JUST_NOTICEABLE
 
@@ -240,7 +240,8 @@ class _Annealing:
         self.held, self.covers, self.areas, self.edges = [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]
         # Light of each colour, and after it what a move changes, in the order of its changes.
         self.parts, self.shares, self.sum = np.zeros((6, terms)), np.zeros(6), np.empty(terms)
-        self.lights = list(self.parts)
+        self.lights, self.shared = list(self.parts), self.shares.data.cast("B").cast("d")
+        self.shifts = both_ways(squares.stride, squares.width - 1)
         widest = 3 * squares.width + 2 * squares.gap
         self.raw = bytearray((widest * stride + 7) // 8)
         self.bytes = np.frombuffer(self.raw, np.uint8)
@@ -250,7 +251,7 @@ class _Annealing:
     def run(self, moves: int) -> tuple[int, int, int] | None:
         """The best placement with enough of every colour; None if there was none."""
         held, (red, green, blue) = self.held, self.prices
-        value, best, least = red[0] + green[0] + blue[0], None, math.inf
+        value, best, least, border = red[0] + green[0] + blue[0], None, math.inf, 0
         for place, colour, spare in _draws(self.seed, len(self.bits), moves):
             changes = self._changes(place, colour)
             areas, flips = self.areas.copy(), 0
@@ -264,7 +265,7 @@ class _Annealing:
             most = value + spare
             lack = red[areas[0]] + green[areas[1]] + blue[areas[2]]
             # A cell has four sides: what is too dear without them needs no count of borders, or none of light either.
-            bound = lack + _EDGE * (sum(self.edges) - 4 * flips) - _ROUNDING
+            bound = lack + _EDGE * (border - 4 * flips) - _ROUNDING
             if bound > most:
                 continue
             length = self._length(place, changes, areas)
@@ -276,32 +277,35 @@ class _Annealing:
             if tried > most:
                 continue
             self._take(changes)
-            self.areas, self.edges, value = areas, edges, tried
+            self.areas, self.edges, value, border = areas, edges, tried, sum(edges)
             if value < least and all(area >= target for area, target in zip(areas, self.targets, strict=True)):
                 best, least = (held[0], held[1], held[2]), value
         return best
 
     def _changes(self, place: int, colour: int) -> list[_Change]:
         """Changes by one more square of a colour, or one less where it has that square; those of the colour first."""
-        held, covers, cover = self.held, self.covers, self.squares.cover
+        held, covers, shifts = self.held, self.covers, self.shifts
         own, old, bit = held[colour], covers[colour], self.bits[place]
         if own & bit:
-            new = cover(own ^ bit)
+            new = self.squares.cover(own ^ bit)
             return [(colour, own ^ bit, new, old ^ new, -(old ^ new).bit_count())]
-        new = old | self.whole[place]
-        changes = [(colour, own | bit, new, old ^ new, (old ^ new).bit_count())]
+        come = self.whole[place] & ~old
+        changes = [(colour, own | bit, old | come, come, come.bit_count())]
         near = self.near[place]
         for k in _OTHERS[colour]:
+            # As :meth:`maskfab.display.free_area.Squares.cover` does; most of a search's time is spent here and in
+            # :meth:`_length`.
             if taken := held[k] & near:
-                left = held[k] ^ taken
-                new = cover(left)
+                new = left = held[k] ^ taken
+                for shift in shifts:
+                    new |= new << shift
                 gone = covers[k] ^ new
                 changes.append((k, left, new, gone, -gone.bit_count()))
         return changes
 
     def _length(self, place: int, changes: list[_Change], areas: list[int]) -> float:
         """Length of the sum of the colours' lights over their areas, after a move."""
-        shares, inverse, part = self.shares, self.inverse, 3
+        shares, inverse, part = self.shared, self.inverse, 3
         shares[0], shares[1], shares[2] = inverse[areas[0]], inverse[areas[1]], inverse[areas[2]]
         shares[3] = shares[4] = shares[5] = 0.0
         for k, _, _, cells, more in changes:
@@ -309,6 +313,10 @@ class _Annealing:
                 continue
             if cells == self.whole[place]:
                 self.parts[part] = self.lit[k][place]
+            elif -3 < more < 3:
+                self.parts[part] = self.rows[k][cells.bit_length() - 1]
+                if more not in (1, -1):
+                    self.parts[part] += self.rows[k][(cells & -cells).bit_length() - 1]
             else:
                 first = (cells & -cells).bit_length() - 1
                 self.raw[:] = (cells >> first).to_bytes(len(self.raw), "little")
@@ -318,7 +326,7 @@ class _Annealing:
                 ones.dot(taken, self.lights[part])
             shares[part] = inverse[areas[k]] if more > 0 else -inverse[areas[k]]
             part += 1
-        shares.dot(self.parts, self.sum)
+        self.shares.dot(self.parts, self.sum)
         return math.sqrt(self.sum.dot(self.sum))
 
     def _edges(self, changes: list[_Change]) -> list[int]:

@@ -131,7 +131,7 @@ def _shifts(step: int, times: int) -> tuple[int, ...]:
 
 
 @cache
-def _both_ways(stride: int, times: int) -> tuple[int, ...]:
+def both_ways(stride: int, times: int) -> tuple[int, ...]:
     """Shifts along a row and up that fill a square."""
     return _shifts(1, times) + _shifts(stride, times)
 
@@ -203,7 +203,7 @@ class Squares:
 
     def cover(self, squares: int) -> int:
         """The cells of these squares."""
-        for shift in _both_ways(self.stride, self.width - 1):
+        for shift in both_ways(self.stride, self.width - 1):
             squares |= squares << shift
         return squares
 
@@ -251,7 +251,7 @@ class Squares:
 
     def around(self, squares: int, distance: int) -> int:
         """The places at most this far from these squares along both axes, free or not."""
-        for shift in _both_ways(self.stride, 2 * distance):
+        for shift in both_ways(self.stride, 2 * distance):
             squares |= squares << shift
         return squares >> distance * (self.stride + 1)
 

@@ -13,6 +13,7 @@ from maskfab.display import emitter_pieces, placement
 from maskfab.display.feasibility import display_rules, feasibility
 from maskfab.display.kept_layouts import FILE, KeptLayouts, origin_of, shipped
 from maskfab.mask.job import load_job
+from maskfab.report.documents.display import display_document, display_lines
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,8 @@ def test_what_is_kept_of_a_die_is_what_searches_find(asked, taking):
     taking(shipped())
     taken = feasibility(*asked)
     assert taken.kept == ("largest emitters", "emitters drawn", "wires")
+    assert display_document(taken)["kept"] == list(taken.kept)
+    assert any("emitters drawn, wires: came with maskfab" in line for line in display_lines("OURS", taken, None))
     recorder = Recorder()
     taking(recorder)
     searched = feasibility(*asked)
