@@ -152,19 +152,15 @@ class Boundary:
         )
 
     def _parts(self, unit_um: float) -> Iterator[_Nodes]:
-        if self.starts.size == 1:
-            yield from self._whole if unit_um else self._plain
+        if self.starts.size == 1 and unit_um == self.unit_um:
+            yield from self._ready
             return
         for edges in np.split(self.edges_um, self.starts[1:]):
             yield from _boundary_nodes(edges, self.highest, unit_um)
 
     @cached_property
-    def _plain(self) -> tuple[_Nodes, ...]:
-        """Nodes that stand for themselves, made once for all wavelengths, as are the others."""
-        return tuple(_boundary_nodes(self.edges_um, self.highest, 0.0))
-
-    @cached_property
-    def _whole(self) -> tuple[_Nodes, ...]:
+    def _ready(self) -> tuple[_Nodes, ...]:
+        """Nodes of all edges, made once for all wavelengths."""
         return tuple(_boundary_nodes(self.edges_um, self.highest, self.unit_um))
 
 
