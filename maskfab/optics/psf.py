@@ -139,7 +139,7 @@ def odd_samples(width_um: float, step_um: float) -> int:
 def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 0) -> Psf:
     """Intensity at points ``point_step_um`` apart over the camera's window, and ``margin`` points beyond it."""
     frequency = _frequencies(camera, wavelength_nm, margin)
-    return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
+    return _psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm, frequency, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,11 +175,7 @@ class ReadyPupil:
     def psfs(self, leak: Leak | None = None) -> list[Psf]:
         """PSFs at every line."""
         return [
-            _point_psf(self.prepared.field(frequency, frequency), self.pupil, self.camera, wavelength)
-            if leak is None
-            else _leaking_psf(
-                self.prepared.field(frequency, frequency), self.pupil, self.camera, wavelength, frequency, leak
-            )
+            _psf(self.prepared.field(frequency, frequency), self.pupil, self.camera, wavelength, frequency, leak)
             for frequency, wavelength in zip(self.frequencies, self.lines, strict=True)
         ]
 
@@ -190,20 +186,18 @@ def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
     return step * np.arange(reach + 1, dtype=np.float64) / image_scale_um2(camera, wavelength_nm)
 
 
-def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
-    values = quadrant.intensity()
-    values /= psf_norm_um6(image_scale_um2(camera, wavelength_nm), pupil.energy_um2)
-    values.flags.writeable = False
-    return Psf(values, point_step_um(camera), wavelength_nm, "point")
-
-
-def _leaking_psf(
-    quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
+def _psf(
+    quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak | None
 ) -> Psf:
-    axis = np.concatenate([-frequency[:0:-1], frequency])
-    field = leak.field(quadrant.amplitude(), axis, axis)
-    norm = psf_norm_um6(image_scale_um2(camera, wavelength_nm), leak.energy_um2(pupil.energy_um2))
-    values = (field.real**2 + field.imag**2) / norm
+    energy = pupil.energy_um2
+    if leak is None:
+        values = quadrant.intensity()
+    else:
+        axis, energy = np.concatenate([-frequency[:0:-1], frequency]), leak.energy_um2(energy)
+        field = leak.field(quadrant.amplitude(), axis, axis)
+        values = field.real**2 + field.imag**2
+    values /= psf_norm_um6(image_scale_um2(camera, wavelength_nm), energy)
+    values.flags.writeable = False
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 

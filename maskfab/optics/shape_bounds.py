@@ -32,8 +32,8 @@ from maskfab.base.model import Frozen
 from maskfab.optics.pupil import Lattice, Pupil
 
 _MOST_SQUARES, _ROWS_AT_A_TIME = 512, 64
-# Of the sum of all w, what single precision may lack in a correlation.
-_SINGLE = 2e-6
+# Of the sum of all w, what single precision may lack in a correlation; dots in a row that are summed one by one.
+_SINGLE, _FEW_IN_A_ROW = 2e-6, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +107,20 @@ def axis_bounds(pupil: Pupil, *, along_x: bool) -> tuple[float, Floats]:
     axis, other = _Squares.of(moving, np.inf), _Squares.of(still, 0.0, moves=False)
     dots = _Dots.of(pupil, (other, axis) if along_x else (axis, other), rim=True)
     ranges, weights = (part if along_x else part.T for part in (dots.ranges, dots.weights_um2))
-    size = fast_length(axis.windows + axis.reach + 1)
     # A dot on its own row, and the sweep of that row.
     rows = min(len(ranges) - (other.span - 1), len(weights))
-    waves = (np.fft.rfft(ranges[other.span - 1 :][:rows], size) * np.fft.rfft(weights[:rows], size).conj()).sum(axis=0)
-    met, lags = np.fft.irfft(waves, size), np.arange(axis.reach)
-    ahead, behind = (np.clip(met[(way + axis.span - 1) % size], 0, None) for way in (lags, -lags - 1))
-    total = (ahead + behind).astype(np.float64) + _SINGLE * dots.sum_um2
+    swept, lags = ranges[other.span - 1 :][:rows], np.arange(axis.reach)
+    row, column = np.nonzero(weights[:rows])
+    if row.size <= _FEW_IN_A_ROW * rows:
+        beside = np.pad(swept, ((0, 0), (axis.reach, axis.reach + axis.span)))
+        shares = np.lib.stride_tricks.sliding_window_view(beside, 2 * axis.reach, axis=1)
+        met = weights[row, column] @ shares[row, column + axis.span - 1]
+        ahead, behind = met[axis.reach + lags], met[axis.reach - lags - 1]
+    else:
+        size = fast_length(axis.windows + axis.reach + 1)
+        met = np.fft.irfft((np.fft.rfft(swept, size) * np.fft.rfft(weights[:rows], size).conj()).sum(axis=0), size)
+        ahead, behind = (met[(way + axis.span - 1) % size] for way in (lags, -lags - 1))
+    total = np.clip(ahead, 0, None).astype(np.float64) + np.clip(behind, 0, None) + _SINGLE * dots.sum_um2
     total[0] += dots.own_um2
     return axis.step_um, total
 

@@ -13,7 +13,7 @@ from sweeps import in_turns, sweep
 
 from maskfab.job.camera import Stop
 from maskfab.optics.field.matrix import rim_orders
-from maskfab.optics.field.methods import PATHS
+from maskfab.optics.field.methods import PATHS, FieldTask
 from maskfab.optics.pupil import RIM_ORDERS, Aperture, cut, panel_aperture
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ def test_a_rim_that_is_most_of_the_light_keeps_the_stated_error(diameter_um: flo
     u = 0.5 / dot_um * np.arange(9, dtype=np.float64) / 8
     expected = field_of_slices(aperture, diameter_um / 2, np.concatenate([-u[:0:-1], u]))
     for path in PATHS:
-        if path.accepts(source, u, u):
+        if path.refusal(FieldTask.of(source, u, u)) is None:
             intensity = path.intensity(source, u, u)
             assert np.linalg.norm(intensity - abs(expected) ** 2) <= path.error["double"] * np.linalg.norm(intensity)
 

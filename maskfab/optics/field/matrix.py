@@ -318,13 +318,8 @@ class PreparedField:
         )
         cores = [term.core.shape[2:] for term in self.terms]
         if not multiplications(cores, u.size, v.size, nodes_u, nodes_v)[1]:
-            parts = self._parts(u, v)
-        else:
-            across = nodes_u.interpolation(u)
-            up = across if nodes_u == nodes_v and np.array_equal(u, v) else nodes_v.interpolation(v)
-            few = self._parts(nodes_u.frequency, nodes_v.frequency)
-            parts = _carried(few, across, up)
-        return _whole(parts, on_axis=bool(u[0] == 0))
+            return _whole(self._parts(u, v), on_axis=bool(u[0] == 0))
+        return SampledField(nodes_u, nodes_v, self._parts(nodes_u.frequency, nodes_v.frequency)).field(u, v)
 
     def _parts(self, u: Floats, v: Floats) -> Reals:
         """The parts of the field that are even or odd in v and in u, [2, 2, nv, nu]."""
@@ -375,7 +370,7 @@ class SampledField:
         """The field at non-negative, ascending frequencies up to the highest, [nu] and [nv]."""
         across = self.nodes_u.interpolation(u)
         up = across if self.nodes_u == self.nodes_v and np.array_equal(u, v) else self.nodes_v.interpolation(v)
-        return _whole(_carried(self.parts, across, up), on_axis=bool(u[0] == 0))
+        return _whole(up.transpose(0, 2, 1)[:, None] @ self.parts @ across, on_axis=bool(u[0] == 0))
 
     def at(self, u: Floats, v: Floats) -> Complexes:
         """The field at any frequencies up to the highest, of either sign, [nv, nu] from [nu] and [nv]."""
@@ -401,12 +396,6 @@ class SampledField:
     def _columns(self) -> Reals:
         """Parts by their parity in u, then in v."""
         return np.ascontiguousarray(self.parts.swapaxes(0, 1))
-
-
-def _carried(parts: Reals, across: Reals, up: Reals) -> Reals:
-    """Parts at nodes taken to other frequencies."""
-    carried: Reals = up.transpose(0, 2, 1)[:, None] @ parts @ across
-    return carried
 
 
 def _whole(parts: Reals, on_axis: bool) -> ParityField:

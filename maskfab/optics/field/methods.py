@@ -266,10 +266,6 @@ class FieldPath:
         """Work of one wavelength, preparation included, in flops of a matrix product."""
         return sum(self.work(task))
 
-    def accepts(self, pupil: Pupil, u: Floats, v: Floats) -> bool:
-        """Whether the path takes a pupil and frequencies."""
-        return self.refusal(FieldTask.of(pupil, u, v)) is None
-
     def intensity(self, pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> Floats:
         """|F|² on the symmetric grid that the quadrant spans; arguments and errors as for :meth:`field`."""
         return self.field(pupil, u, v, precision).intensity()

@@ -152,19 +152,15 @@ class Boundary:
         )
 
     def _parts(self, unit_um: float) -> Iterator[_Nodes]:
-        if self.starts.size == 1:
-            yield from self._whole if unit_um else self._plain
+        if self.starts.size == 1 and unit_um == self.unit_um:
+            yield from self._ready
             return
         for edges in np.split(self.edges_um, self.starts[1:]):
             yield from _boundary_nodes(edges, self.highest, unit_um)
 
     @cached_property
-    def _plain(self) -> tuple[_Nodes, ...]:
-        """Nodes that stand for themselves, made once for all wavelengths, as are the others."""
-        return tuple(_boundary_nodes(self.edges_um, self.highest, 0.0))
-
-    @cached_property
-    def _whole(self) -> tuple[_Nodes, ...]:
+    def _ready(self) -> tuple[_Nodes, ...]:
+        """Nodes of all edges, made once for all wavelengths."""
         return tuple(_boundary_nodes(self.edges_um, self.highest, self.unit_um))
 
 
@@ -177,13 +173,13 @@ def boundary(edges_um: Floats, area_um2: float, highest: float, edges_at_a_time:
         edges_at_a_time: bounds the memory, as the number of nodes does; the field is the same to rounding.
     """
     span = edges_um[:, 2:].T - edges_um[:, :2].T
-    nodes = _FEWEST_NODES + _NODES_PER_CYCLE * _cycles(span, highest)
+    nodes = _expected_nodes(span, highest)
     before = np.cumsum(nodes)
     part = np.stack([np.arange(len(edges_um)) // edges_at_a_time, before // _NODES_AT_A_TIME])
     starts = np.append(0, np.flatnonzero(np.diff(part).any(axis=0)) + 1)
     lengths, counts = np.unique(np.round(abs(span).sum(axis=0)[~span.all(axis=0)], 6), return_counts=True)
     unit_um = float(lengths[counts.argmax()]) if counts.size else 0.0
-    pieces = _pieces(span, unit_um)
+    pieces = _pieces(span, unit_um, highest)
     worthwhile = nodes[pieces > 0].sum() - pieces.sum() > _LEAST_SAVED
     return Boundary(frozen(edges_um), area_um2, highest, starts, unit_um if worthwhile else 0.0)
 
@@ -193,13 +189,18 @@ def _cycles(span: Floats, highest: float) -> Floats:
     return np.asarray(abs(span).sum(axis=0) * (highest / np.sqrt(2)))
 
 
-def _pieces(span: Floats, unit_um: float) -> Indices:
-    """Into how many of a length each edge along x or y can be cut, [n]; 0 where it cannot."""
+def _expected_nodes(span: Floats, highest: float) -> Floats:
+    return _FEWEST_NODES + _NODES_PER_CYCLE * _cycles(span, highest)
+
+
+def _pieces(span: Floats, unit_um: float, highest: float) -> Indices:
+    """Into how many of a length each edge along x or y can be cut, [n]; 0 where it cannot, or has fewer nodes."""
     length = abs(span).sum(axis=0)
     if not unit_um:
         return np.zeros(length.size, dtype=np.intp)
     pieces: Indices = np.rint(length / unit_um).astype(np.intp)
-    pieces[span.all(axis=0) | (abs(pieces * unit_um - length) > _SAME_LENGTH_UM)] = 0
+    other = span.all(axis=0) | (abs(pieces * unit_um - length) > _SAME_LENGTH_UM)
+    pieces[other | (pieces > _expected_nodes(span, highest))] = 0
     return pieces
 
 
@@ -267,7 +268,7 @@ def _past_linear(phase: Floats) -> tuple[Complexes, Complexes]:
 def _boundary_nodes(edges: Floats, highest: float, unit_um: float) -> Iterator[_Nodes]:
     """The middles of all edges along x and y that are whole multiples of a length; Gauss-Legendre nodes on others."""
     start, span = edges[:, :2].T, edges[:, 2:].T - edges[:, :2].T
-    pieces = _pieces(span, unit_um)
+    pieces = _pieces(span, unit_um, highest)
     if unit_um:
         owner, number = expanded(pieces)
         across, up = span[:, owner] / pieces[owner]

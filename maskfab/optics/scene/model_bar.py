@@ -113,8 +113,16 @@ def scene_bar(pupil: Pupil, camera: Camera, slope: float, blank: MaskBlank) -> t
 def bar_of_pupil(
     pupil: Pupil, camera: Camera, blank: MaskBlank, die: str | None, sampled: SampledField | None = None
 ) -> tuple[Quantity, ...]:
-    """The bar of a pupil behind a camera, as rows of a report; arguments as for :func:`model_bar`."""
-    return bar_quantities(model_bar(pupil, camera, blank, sampled), camera, die)
+    """The bar of a pupil behind a camera, as rows of a report: the sum of all, then each; as :func:`model_bar`."""
+    omissions = model_bar(pupil, camera, blank, sampled)
+    total = Quantity(
+        f"{MODEL_BAR}bar",
+        sum(omission.size for omission in omissions),
+        "sum of what is not modelled, each estimated as the relative L2 change of the PSF over the window at "
+        f"{camera.middle_nm:g} nm; numerical errors stand beside each number",
+        die=die,
+    )
+    return total, *rows_of(omissions, die)
 
 
 def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, slope: float) -> tuple[Omission, ...]:
@@ -151,29 +159,12 @@ def weighed_table(omissions: Sequence[Omission], accuracy: float) -> list[str]:
     return [f"not modelled, whatever is asked for: {verdict} of {accuracy:g}", *columns(rows)]
 
 
-def bar_quantities(omissions: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:
-    """The rows of a report: the sum of all, then each."""
-    total = Quantity(
-        f"{MODEL_BAR}bar",
-        sum(omission.size for omission in omissions),
-        "sum of what is not modelled, each estimated as the relative L2 change of the PSF over the window at "
-        f"{middle_line_nm(camera):g} nm; numerical errors stand beside each number",
-        die=die,
-    )
-    return total, *rows_of(omissions, die)
-
-
 def rows_of(omissions: Sequence[Omission], die: str | None) -> tuple[Quantity, ...]:
     """A row of a report for each."""
     return tuple(
         Quantity(MODEL_BAR + omission.name.replace(" ", "_"), omission.size, omission.method, die=die)
         for omission in omissions
     )
-
-
-def middle_line_nm(camera: Camera) -> float:
-    """The line that the bar is estimated at."""
-    return camera.middle_nm
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +178,7 @@ class _DieField:
 
     @classmethod
     def of(cls, pupil: Pupil, camera: Camera, sampled: SampledField | None = None) -> _DieField:
-        line = middle_line_nm(camera)
+        line = camera.middle_nm
         camera = replace(camera, wavelengths_nm=(line,))
         step = point_step_um(camera)
         reach = odd_samples(camera.window_um, step) // 2
