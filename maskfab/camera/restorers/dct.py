@@ -42,6 +42,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from maskfab.base.arrays import Singles
