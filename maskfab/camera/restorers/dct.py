@@ -114,7 +114,7 @@ def _cosines(count: int) -> Singles:
     order, place = np.arange(count)[:, None], np.arange(count) + 0.5
     waves = np.sqrt(2 / count) * np.cos(np.pi / count * order * place)
     waves[0] /= np.sqrt(2)
-    return waves.round(15).astype(np.float32)
+    return np.asarray(waves.round(15), dtype=np.float32)
 
 
 _COSINES, _OPPONENT = _cosines(WINDOW), _cosines(3)
