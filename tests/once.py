@@ -34,8 +34,8 @@ from maskfab.mask.comparison import files
 from maskfab.report.figures import sheet
 
 FIGURES = (
-    "maskfab.report.figures.die.pictures",
-    "maskfab.report.figures.die.of_die",
+    "maskfab.report.figures.report.pictures",
+    "maskfab.report.figures.report.of_die",
     "maskfab.report.figures.die.overview",
     "maskfab.mask.package.papers.drawing_sheet",
 )

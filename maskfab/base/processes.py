@@ -33,7 +33,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
-from threading import Condition, Thread
+from threading import Condition, Thread, Timer
 from types import MappingProxyType, TracebackType
 from typing import Any, BinaryIO, Generic, Literal, TypeAlias, TypeVar
 
@@ -239,7 +239,8 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
     def run_alike(self, calls: Sequence[Call[Found]], done: Callable[[int], None] = lambda _: None) -> list[Found]:
         """Findings of tasks that take about as long as one another, in their order.
 
-        The first is done here. If the rest takes no longer than another process to begin, so is that.
+        The first is begun here, and the rest shared as soon as it has taken so long that they take longer than another
+        process to begin; less work is done here as well.
 
         Args:
             done: told how many have ended.
@@ -247,9 +248,19 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         Raises:
             Exception: that of the first that fails, in their order.
         """
-        first = ALONE.run_all(calls[:1], done)
-        few = sum(task.seconds for task in first) * (len(calls) - 1) < WORTH_SHARING_S
-        rest = (ALONE if few else self).run_all(calls[1:], lambda ended: done(1 + ended))
+        shared: list[Task[Found]] = []
+        after = Timer(WORTH_SHARING_S / max(1, len(calls) - 1), lambda: shared.extend(map(self.submit, calls[1:])))
+        after.daemon = True
+        after.start()
+        try:
+            first = ALONE.run_all(calls[:1], done)
+        finally:
+            after.cancel()
+            after.join()
+        if not shared and sum(task.seconds for task in first) * (len(calls) - 1) >= WORTH_SHARING_S:
+            shared = [self.submit(call) for call in calls[1:]]
+        rest = shared or [ALONE.submit(call) for call in calls[1:]]
+        (self if shared else ALONE).finish(rest, lambda ended: done(1 + ended))
         return [task.result() for task in (*first, *rest)]
 
 

@@ -199,7 +199,7 @@ def _unlike(pairs: Iterable[_Pair]) -> list[_Pair]:
 
 @lru_cache(maxsize=2048)
 def _first_turned(pair: _Pair) -> bytes:
-    """The same of all pairs that are one and the same, turned or mirrored."""
+    """A key of all pairs that are one and the same, turned or mirrored."""
     one, other, (right, up) = pair
     corners, drawn = np.arange(4).reshape(2, 2), []
     for first, second, x, y in ((one, other, right, up), (other, one, -right, -up)):

@@ -127,10 +127,10 @@ def test_data_of_another_kind_are_refused():
         from_data(data, object)
 
 
-def edited(data: bytes, **changes: Any) -> bytes:
+def edited(data: bytes, places: Any = None, **changes: Any) -> bytes:
     stored = dict(np.load(io.BytesIO(data)))
-    tree = json.loads(stored["tree"].tobytes()) | changes
-    stored["tree"] = np.frombuffer(json.dumps(tree).encode(), np.uint8)
+    tree, placed = json.loads(stored["tree"].tobytes())
+    stored["tree"] = np.frombuffer(json.dumps([tree | changes, places or placed]).encode(), np.uint8)
     buffer = io.BytesIO()
     np.savez(buffer, **stored)
     return buffer.getvalue()
@@ -162,7 +162,9 @@ def test_objects_are_written_nowhere(tmp_path):
     "changes",
     [{"number": 7}, {"number": "1"}, {"number": True}, {"colour": "BLUE"}, {"side": "z"}, {"deep": [[1, 2, 3]]},
      {"of": 0}, {"of": {"array": 1}}, {"of": {"array": -1}}, {"deep": 3}, {"more": [9, None]}, {"more": [0, "posix"]},
-     {"__class__": "Popen"}],
+     {"__class__": "Popen"}, {"places": [[0, [-1], "C"]]}, {"places": [[0, [3], "C"]]}, {"places": [[0, [1], "C"]]},
+     {"places": [[1, [2], "C"]]}, {"places": [[0, [2.0], "C"]]}, {"places": [[0, [2], "C"], [0, [2], "C"]]},
+     {"places": 3}],
 )  # fmt: skip
 def test_edited_data_are_refused(changes):
     data = to_data(Small(1.0, {}, np.zeros(2)), Small)
@@ -193,5 +195,5 @@ def _with_objects(planted: Path) -> bytes:
     buffer = io.BytesIO()
     array = np.empty(1, dtype=object)
     array[0] = Planted(planted)
-    np.savez(buffer, tree=np.frombuffer(b'{"array": 0}', np.uint8), **{"0": array})
+    np.savez(buffer, tree=np.frombuffer(b'[{"array": 0}, [[0, [1], "C"]]]', np.uint8), **{"0": array})
     return buffer.getvalue()

@@ -58,7 +58,7 @@ def pages(run):
     """A report and its appendix, with photographs and a hostile title."""
     report = replace(run.report, title=f"{MARKUP} LONG TITLE OF A PLATE WITH EIGHTY CHARACTERS, FOR A")
     document = to_document(report, run.plate, run.camera, photographs=taken(PLAIN=A, TURNED=B))
-    pictures = die.pictures(run.plate, run.optics, document)
+    pictures = report.pictures(run.plate, run.optics, document)
     scene = np.random.default_rng(1).random((3, 144, 192), dtype=np.float32)
     pictures[die.PLATE]["front_truth"] = design_figures.tile(scene, "truth")
     for name in ("PLAIN", "TURNED"):

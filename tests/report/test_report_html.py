@@ -13,7 +13,7 @@ from maskfab.job.process import UNSTATED
 from maskfab.optics.pupil import cut, panel_aperture
 from maskfab.optics.scene.model_bar import bar_of_pupil
 from maskfab.report.documents.report import report_text, to_document
-from maskfab.report.figures import die as die_figures
+from maskfab.report.figures import report as report_figures
 from maskfab.report.pages import page as html
 from maskfab.report.pages.appendix import appendix_page
 from maskfab.report.pages.front import shown_count, shown_dies, stamps
@@ -30,7 +30,7 @@ def document(run):
 
 @pytest.fixture(scope="module")
 def pictures(run, document):
-    return die_figures.pictures(run.plate, run.optics, document)
+    return report_figures.pictures(run.plate, run.optics, document)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_tables_carry_full_values_and_units(page, appendix):
 
 def test_page_does_not_tell_the_time(run, document, page):
     slower = to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera)
-    assert html.html_page(slower, die_figures.pictures(run.plate, run.optics, slower)) == page
+    assert html.html_page(slower, report_figures.pictures(run.plate, run.optics, slower)) == page
 
 
 def test_page_without_pictures_dies_or_checks_still_reads(document):

@@ -199,7 +199,8 @@ def test_limits_make_a_check_fail_and_the_files_are_there(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "step", ["pipeline.write_files", "plate_files.read_back", "pipeline.measure_dies", "result.die_figures.pictures"]
+    "step",
+    ["pipeline.write_files", "plate_files.read_back", "pipeline.measure_dies", "drawing.report_figures.pictures"],
 )
 def test_a_crash_in_the_middle_leaves_nothing(tmp_path, monkeypatch, step):
     def crash(*_: object, **__: object) -> None:

@@ -337,7 +337,7 @@ def mtf_title(mtf: Mtf) -> str:
 
 
 def curves(mtf: Mtf) -> Iterator[tuple[str, Floats, Floats]]:
-    """What a plot of an MTF shows, by name: frequencies and values of the band, a polygon, and of the cuts, lines."""
+    """Curves of a plot of an MTF, by name: frequencies and values of the band, a polygon, and of the cuts, lines."""
     frequency, low, high = mtf.frequency_cy_per_mm, mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
     if low is not None and high is not None:
         # One sample for each point on paper is enough, extremes kept.

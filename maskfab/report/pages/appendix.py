@@ -63,7 +63,7 @@ def appendix_page(document: Record, pictures: Mapping[str, Mapping[str, str]], *
 
     Args:
         document: report.json, as :func:`maskfab.report.documents.report.to_document` makes it.
-        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.report.pictures` makes them;
             a figure that is missing is left out.
 
     Equal documents and pictures give equal pages.

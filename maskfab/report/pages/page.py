@@ -82,7 +82,7 @@ def html_page(
 
     Args:
         document: report.json, as :func:`maskfab.report.documents.report.to_document` makes it.
-        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.die.pictures` makes them;
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.report.pictures` makes them;
             a figure that is missing is left out.
         made_with: versions of the programs that made it; by default those that are installed.
 
