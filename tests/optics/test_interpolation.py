@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from optics_cases import noise, panel, pupil
+from optics_cases import camera, noise, panel, pupil
 from sweeps import examples
 
 from maskfab.job.camera import Stop
-from maskfab.optics.field.matrix import SampledField, parity_field, prepare
+from maskfab.optics.field.matrix import SampledField, direct_field, parity_field, prepare
 from maskfab.optics.field.methods import DIRECT, PARITY, FieldPath
 from maskfab.optics.field.waves import Precision, frequency_nodes
+from maskfab.optics.psf import ReadyPupil, point_psf
 from maskfab.optics.pupil import Pupil
 
 
@@ -105,3 +106,24 @@ def test_one_sampled_field_serves_every_wavelength(path: FieldPath, precision: P
                 assert np.hypot(np.linalg.norm(same), np.linalg.norm(opposite)) == pytest.approx(
                     whole / math.sqrt(2), rel=2 * most
                 )
+
+
+@pytest.mark.parametrize(("window_um", "nodes"), [(120.0, True), (8.0, False)])
+def test_one_line_is_kept_at_nodes_where_these_are_fewer_than_samples(window_um: float, nodes: bool) -> None:
+    setting = camera(300.0, wavelengths=(530.0,), window_um=window_um)
+    source = pupil(panel(noise(7, 0.5, 2), cells=6, seed=1), setting.stop)
+    ready = ReadyPupil.of(source, setting)
+    assert isinstance(ready.prepared, SampledField) == nodes
+    (found,) = ready.psfs()
+    expected = point_psf(source, setting, 530.0)
+    np.testing.assert_allclose(found.values, expected.values, rtol=0, atol=1e-13 * expected.values.max())
+
+
+@pytest.mark.parametrize("off", [0.0, 0.004])
+def test_a_sampled_field_is_told_at_places_of_either_sign(off: float) -> None:
+    """The axes alike, whose nodes serve both in one go, and not."""
+    source = pupil(panel(noise(7, 0.5, 2), cells=6, seed=1), Stop("circle", 300.0))
+    highest = (0.02, 0.02 - off)
+    sampled = SampledField.of(prepare(source, *highest).field, source.reach_um, highest)
+    u, v = np.linspace(-0.012, 0.011, 5), np.linspace(-0.004, 0.015, 4)
+    np.testing.assert_allclose(sampled.at(u, v), direct_field(source, u, v), rtol=0, atol=1e-12 * source.energy_um2)
