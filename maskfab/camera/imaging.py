@@ -98,7 +98,8 @@ class Margin:
                     waves += spectrum[colour, more, part] * transfer[colour, more, part]
                 line[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[cut]
         seen = np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
-        seen *= np.float32(1 / step)
+        if step > 1:
+            seen *= np.float32(1 / step)
         return seen
 
     def _parts(self) -> Iterator[slice]:
