@@ -131,18 +131,15 @@ class Stills:
         for shape, means in products.items() if nodes else ():
             alike = {key: still for key, still in stills.items() if still.margin.shape == shape}
             margin = next(iter(alike.values())).margin
-            inverse_prior = margin.folded(prior(shape), _FEW)
             # Colour by colour, whose filters take a third.
             for colour, transfer in enumerate(blur.on(shape)):
-                folded = margin.folded(transfer, _FEW)
-                gains = np.empty((count, *folded.shape), dtype=folded.dtype)
+                gains = np.empty((count, *transfer.T.shape), dtype=transfer.dtype)
                 for gain, node in zip(gains, nodes, strict=True):
-                    gain[:] = wiener(folded, inverse_prior, node)
+                    gain[:] = wiener(transfer, prior(shape), node).T
                 means[colour] = _products(gains)
                 for key, still in alike.items():
-                    waves = margin.folded(still.spectrum[colour], _FEW)
-                    for k, sums in enumerate(_summed(gains, np.stack([waves.real, waves.imag]))):
-                        few[key][0][k, colour] = margin.few(sums, _FEW)
+                    for k, waves in enumerate(_summed(gains, still.spectrum[colour].T)):
+                        few[key][0][k, colour] = margin.few(waves, _FEW)
         return cls(blur, linear, nodes, stills, few, products)
 
     def best(self, keys: Iterable[int], noise: Noise, strengths: Sequence[float], start: int) -> int:
@@ -248,18 +245,21 @@ def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
     return np.asarray(1 + more + more[::-1])
 
 
-def _summed(gains: Transfer, parts: Singles) -> NDArray[np.complex64]:
-    """Sums over the frequencies that fold together, [filters, columns, rows], of filters times a spectrum's parts."""
-    total = np.empty((len(gains), *gains.shape[2:]), dtype=np.complex64)
+def _summed(gains: Transfer, spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Filters times a spectrum [columns / 2 + 1, rows], summed over frequencies that are one of few rows, [filters,
+    columns / 2 + 1, few rows]."""
+    total = np.empty((*gains.shape[:2], gains.shape[2] // _FEW), dtype=np.complex64)
     # Some columns by all filters, while they are in a processor's own memory.
-    for start in range(0, total.shape[1], _AT_A_TIME):
+    for start in range(0, gains.shape[1], _AT_A_TIME):
         some = slice(start, start + _AT_A_TIME)
-        real, imaginary = parts[:, :, some]
-        for sums, gain in zip(total[:, some], gains[:, :, some], strict=True):
-            sums.real, sums.imag = (np.einsum("aij,aij->ij", gain.real, part) for part in (real, imaginary))
+        waves = spectrum[some].reshape(-1, _FEW, total.shape[2])
+        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+        for sums, every in zip(total[:, some], gains[:, some], strict=True):
+            gain = every.reshape(waves.shape)
+            sums.real, sums.imag = (np.einsum("jar,jar->jr", gain.real, part) for part in (real, imaginary))
             if np.iscomplexobj(gain):
-                sums.real -= np.einsum("aij,aij->ij", gain.imag, imaginary)
-                sums.imag += np.einsum("aij,aij->ij", gain.imag, real)
+                sums.real -= np.einsum("jar,jar->jr", gain.imag, imaginary)
+                sums.imag += np.einsum("jar,jar->jr", gain.imag, real)
     return total
 
 
