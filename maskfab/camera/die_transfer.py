@@ -21,9 +21,10 @@ Notes:
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -33,7 +34,7 @@ from maskfab.base.arrays import Floats
 from maskfab.base.errors import JobError
 from maskfab.base.model import Panel
 from maskfab.base.units import NM_PER_UM, UM_PER_MM, UM_PER_NM
-from maskfab.camera.imaging import Isoplanatic, Transfer
+from maskfab.camera.imaging import Isoplanatic, Transfer, upright
 from maskfab.camera.stop_cells import COLOURS
 from maskfab.job.camera import Camera, Stop
 from maskfab.job.process import Glass, MaskBlank
@@ -139,12 +140,12 @@ class StopView:
 
     def shadow(self, lines: Spectrum, times: int, y: Floats, x: Floats) -> Transfer:
         """H without diffraction over the gap; arguments and errors as for :meth:`transfer`."""
-        total: Transfer = np.zeros((y.size, x.size), dtype=np.float32)
+        transfers = []
         for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
             waves = self._waves(float(line))
             lags = self._plain if waves is None and times == 1 else self._shadow(waves, times)
-            total = total + line_transfer(lags, self._cycle_um(float(line)), y, x, float(weight))
-        return total
+            transfers.append(line_transfer(lags, self._cycle_um(float(line)), y, x, float(weight)))
+        return reduce(operator.add, transfers)
 
     def gap_change(self, lines: Spectrum, times: int, y: Floats, x: Floats) -> tuple[Transfer, float]:
         """Change of H by diffraction over the gap, and the factor of H without it; otherwise as :meth:`shadow`."""
@@ -271,7 +272,7 @@ class DieTransfer(Isoplanatic):
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
         y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
         first = self.view.transfer(self.lines[0], self.samples, y, x)
-        every = np.empty((COLOURS, *first.shape), dtype=first.dtype)
+        every = upright((COLOURS, *first.shape), first.dtype.type)
         # A large picture's are not held twice.
         for colour, lines in zip(every, self.lines, strict=True):
             colour[:] = first if lines is self.lines[0] else self.view.transfer(lines, self.samples, y, x)

@@ -48,7 +48,7 @@ _MANY_ROWS = 512
 _MOST_APART = 3.2
 """Ratio of neighbouring ε that pictures are restored by to choose one; between them PSNR errs by 0.01 dB."""
 _AT_A_TIME = 32
-"""Rows that errors are found of at a time."""
+"""Rows that errors, and columns that sums are found of at a time."""
 _SPREADS = np.geomspace(2e-4, 2, 96)
 _LEAST, _MOST, _PER_LIGHT, _BEYOND = -1, 2, 4096, 4
 """Light that the tables hold, their steps in 1, and how far to either side the curve goes on for them."""
@@ -131,19 +131,15 @@ class Stills:
         for shape, means in products.items() if nodes else ():
             alike = {key: still for key, still in stills.items() if still.margin.shape == shape}
             margin = next(iter(alike.values())).margin
-            inverse_prior = margin.folded(prior(shape), _FEW)
             # Colour by colour, whose filters take a third.
             for colour, transfer in enumerate(blur.on(shape)):
-                folded = margin.folded(transfer, _FEW)
-                gains = np.empty((count, *folded.shape), dtype=folded.dtype)
+                gains = np.empty((count, *transfer.T.shape), dtype=transfer.dtype)
                 for gain, node in zip(gains, nodes, strict=True):
-                    gain[:] = wiener(folded, inverse_prior, node)
+                    gain[:] = wiener(transfer, prior(shape), node).T
                 means[colour] = _products(gains)
                 for key, still in alike.items():
-                    waves = margin.folded(still.spectrum[colour], _FEW)
-                    parts = np.stack([waves.real, waves.imag])
-                    for k, gain in enumerate(gains):
-                        few[key][0][k, colour] = margin.few(_summed(gain, parts), _FEW)
+                    for k, waves in enumerate(_summed(gains, still.spectrum[colour].T)):
+                        few[key][0][k, colour] = margin.few(waves, _FEW)
         return cls(blur, linear, nodes, stills, few, products)
 
     def best(self, keys: Iterable[int], noise: Noise, strengths: Sequence[float], start: int) -> int:
@@ -226,14 +222,14 @@ def _passed(gain: Transfer, sides: tuple[int, int], step: int = 1) -> Passed:
     filter's correlation there, less what the edge's own pixels, which are not doubled, have in it.
     """
     # Every few frequencies tell as much, for the filter's spread is a part of the picture.
-    some = gain[:, ::_FEW]
-    ends = np.full(some.shape[1], 2.0)
+    some = np.ascontiguousarray(gain.T[::_FEW])
+    ends = np.full(len(some), 2.0)
     ends[[0, -1]] = 1
-    turned = some[-np.arange(len(some))]
-    alike, lines = (some * turned.conj()) @ ends / ends.sum(), scipy.fft.ifft(some, axis=0, workers=1)
-    own = squared_modulus(lines) @ ends / ends.sum()
+    turned = some[:, -np.arange(some.shape[1])]
+    alike, lines = ends @ (some * turned.conj()) / ends.sum(), scipy.fft.ifft(some, axis=1, workers=1)
+    own = ends @ squared_modulus(lines) / ends.sum()
     up = _at_edges(scipy.fft.ifft(alike).real, own, sides[0])
-    some = gain[::_FEW]
+    some = np.ascontiguousarray(gain[::_FEW])
     turned = some[-np.arange(len(some))]
     lines = scipy.fft.irfft(some, axis=1, workers=1)
     across = _at_edges(scipy.fft.irfft((some * turned).mean(axis=0)), (lines * lines).mean(axis=0), sides[1])
@@ -249,13 +245,21 @@ def _at_edges(alike: Floats, own: Floats, side: int) -> Floats:
     return np.asarray(1 + more + more[::-1])
 
 
-def _summed(gain: Transfer, parts: Singles) -> NDArray[np.complex64]:
-    """Sum over the frequencies that fold together, [columns, rows], of a filter times the parts of a spectrum."""
-    total = np.empty(gain.shape[1:], dtype=np.complex64)
-    total.real, total.imag = (np.einsum("aij,aij->ij", gain.real, part) for part in parts)
-    if np.iscomplexobj(gain):
-        total.real -= np.einsum("aij,aij->ij", gain.imag, parts[1])
-        total.imag += np.einsum("aij,aij->ij", gain.imag, parts[0])
+def _summed(gains: Transfer, spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Filters times a spectrum [columns / 2 + 1, rows], summed over frequencies that are one of few rows, [filters,
+    columns / 2 + 1, few rows]."""
+    total = np.empty((*gains.shape[:2], gains.shape[2] // _FEW), dtype=np.complex64)
+    # Some columns by all filters, while they are in a processor's own memory.
+    for start in range(0, gains.shape[1], _AT_A_TIME):
+        some = slice(start, start + _AT_A_TIME)
+        waves = spectrum[some].reshape(-1, _FEW, total.shape[2])
+        real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
+        for sums, every in zip(total[:, some], gains[:, some], strict=True):
+            gain = every.reshape(waves.shape)
+            sums.real, sums.imag = (np.einsum("jar,jar->jr", gain.real, part) for part in (real, imaginary))
+            if np.iscomplexobj(gain):
+                sums.real -= np.einsum("jar,jar->jr", gain.imag, imaginary)
+                sums.imag += np.einsum("jar,jar->jr", gain.imag, real)
     return total
 
 

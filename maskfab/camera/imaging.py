@@ -98,7 +98,8 @@ class Margin:
                     waves += spectrum[colour, more, part] * transfer[colour, more, part]
                 line[:, part] = scipy.fft.ifft(waves, axis=0, overwrite_x=True, workers=1)[cut]
         seen = np.asarray(scipy.fft.irfft(lines, n=self.shape[1], axis=2, workers=1)[:, :, self._cut[1]])
-        seen *= np.float32(1 / step)
+        if step > 1:
+            seen *= np.float32(1 / step)
         return seen
 
     def _parts(self) -> Iterator[slice]:
@@ -106,36 +107,22 @@ class Margin:
         half = self.shape[1] // 2 + 1
         return (slice(first, min(first + _AT_A_TIME, half)) for first in range(0, half, _AT_A_TIME))
 
-    def folded(self, spectrum: NDArray[Any], step: int) -> NDArray[Any]:
-        """Frequencies of one colour's ``rfft2`` that are one where only every so many-th pixel both ways is left.
-
-        Args:
-            step: even; it divides a quarter of both sides.
-
-        Returns:
-            [step², columns / 2 + 1, rows] of the few pixels' ``rfft2``; that is the mean over the first axis.
-        """
-        rows, columns = self.shape[0] // step, self.shape[1] // step
-        half = np.arange(columns // 2 + 1)
-        parts = np.empty((step, step, half.size, rows), dtype=spectrum.dtype)
-        for k, part in enumerate(parts):
-            if 2 * k < step:
-                waves = spectrum.T[k * columns + half]
-            else:
-                # Those of the other half are their opposites', conjugate.
-                waves = spectrum.T[self.shape[1] - k * columns - half][:, -np.arange(self.shape[0])].conj()
-            part[:] = waves.reshape(half.size, step, rows).swapaxes(0, 1)
-        return parts.reshape(step**2, half.size, rows)
-
     def few(self, waves: NDArray[np.complex64], step: int) -> Singles:
-        """Every so many-th pixel of the sensor both ways, [rows, columns], by their ``rfft2`` [columns / 2 + 1, rows].
+        """Every so many-th pixel of the sensor both ways, [rows, columns], by the ``rfft2`` of every so many-th row.
 
         Args:
-            waves: a sum over what :meth:`folded` tells apart.
+            waves: [columns / 2 + 1, rows], sums over the frequencies that are one then.
+            step: even; it divides a quarter of both sides.
         """
+        columns, rows = self.shape[1] // step, np.arange(waves.shape[1])
         down, across = (slice(self.width // step, (side - self.width) // step) for side in self.shape)
-        lines = scipy.fft.ifft(waves, axis=1, overwrite_x=True, workers=1)[:, down]
-        seen = scipy.fft.irfft(lines, n=self.shape[1] // step, axis=0, workers=1)[across].T
+        half = np.arange(columns // 2 + 1)
+        total = sum(waves[k * columns + half] for k in range(step // 2))
+        for k in range(step // 2, step):
+            # Those of the other half are their opposites', conjugate.
+            total += waves[self.shape[1] - k * columns - half][:, -rows].conj()
+        lines = scipy.fft.ifft(total, axis=1, overwrite_x=True, workers=1)[:, down]
+        seen = scipy.fft.irfft(lines, n=columns, axis=0, workers=1)[across].T
         return np.asarray(seen * np.float32(step**-2))
 
     def through(self, light: Singles, transfer: Transfer) -> Singles:
