@@ -199,7 +199,7 @@ class _DieField:
     def intensity(self) -> Floats:
         return _square(self.field) / self.pupil.energy_um2
 
-    @cached_property
+    @property
     def openings(self) -> Aperture:
         """Openings before the stop, dots that it cuts whole; what it hides is dark."""
         clear = self.pupil.whole.copy()
@@ -211,14 +211,9 @@ class _DieField:
     def open_ratio(self) -> float:
         return min(1.0, self.pupil.energy_um2 / self.camera.stop.area_um2)
 
-    @cached_property
-    def grey(self) -> Floats:
-        """Mean transmission of the dots, [ny, nx]."""
-        return self.pupil.mean_transmission
-
     def weighted(self, weight: Floats) -> Complexes:
         """The field of the openings times a weight [ny, nx], the dots at the rim grey."""
-        grey = self.grey * weight
+        grey = self.pupil.mean_transmission * weight
         grey.flags.writeable = False
         plain = Pupil.of_whole_dots(self.pupil.x, self.pupil.y, grey, self.pupil.stop)
         return field(plain, self.u, self.u, "single").amplitude()
@@ -305,7 +300,7 @@ def _lens(die: _DieField) -> Iterator[Omission]:
     vector = (_square(along_x) + _square(along_y)) / (2 * energy) - second / 2
     yield Omission("vector field", die.relative(vector), f"unpolarised light focused at f/{number:.3g}, second order")
     widths, heights = np.diff(die.pupil.x.edges_um()), np.diff(die.pupil.y.edges_um())
-    spread = float(heights @ (die.grey * square) @ widths) / energy
+    spread = float(heights @ (die.pupil.mean_transmission * square) @ widths) / energy
     apodised = (second - spread * die.intensity) / 2
     yield Omission("lens apodisation", die.relative(apodised), "amplitude cos^½ θ or cos^-½ θ over the stop")
     scale = image_scale_um2(die.camera, die.line_nm)
