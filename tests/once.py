@@ -31,7 +31,7 @@ from maskfab.base.provenance import sha256_of_file
 from maskfab.camera.scenes import Photograph, dead_leaves, indoors, lit
 from maskfab.designs.model.statistics import F1_SETTINGS, CaptureSettings, SceneStatistics
 from maskfab.mask.comparison import files
-from maskfab.report.figures import sheet
+from maskfab.report.figures import die, report, sheet
 
 FIGURES = (
     "maskfab.report.figures.report.pictures",
@@ -85,6 +85,8 @@ def figures_in_words() -> Iterator[None]:
     with once(*FIGURES), pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", _write_words)
         patch.setattr(sheet, "vector", _vector_in_words)
+        patch.setattr(report, "mtf_image", lambda mtfs: die.mtf(mtfs).img())
+        patch.setattr(report, "psf_image", lambda psfs: die.psf(psfs).img())
         yield
 
 
@@ -132,17 +134,17 @@ def compared_once() -> Iterator[None]:
     compare = files._within_limits
 
     @contextmanager
-    def remembered(made: Any, product: Any, folder: Path, costs: Any, *, dots: bool) -> Iterator[Callable[[], Any]]:
+    def remembered(made: Any, product: Any, folder: Path, costs: Any, **how: bool) -> Iterator[Callable[[], Any]]:
         path = folder / product.name
         if not path.is_file():
-            with compare(made, product, folder, costs, dots=dots) as answer:
+            with compare(made, product, folder, costs, **how) as answer:
                 yield answer
             return
-        key = "compared", _digest((made.plate, made.settings, product.name, sha256_of_file(path), dots))
+        key = "compared", _digest((made.plate, made.settings, product.name, sha256_of_file(path), how))
 
         def found() -> Any:
             if key not in _KNOWN:
-                with compare(made, product, folder, costs, dots=dots) as answer:
+                with compare(made, product, folder, costs, **how) as answer:
                     _KNOWN[key] = answer()
             return replace(_KNOWN[key], path=path)
 
