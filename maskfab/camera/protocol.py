@@ -112,7 +112,8 @@ class Protocol:
         """Light of one scene on the sensor behind one design, white is 1 before it, [3, rows, columns]."""
         seen, margin = design.seen if isinstance(design, RestoredBy) else design, scene.margin
         if isinstance(seen, Isoplanatic) and not margin.large:
-            return margin.blurred(spectrum_of(scene, linear=self.linear), seen.on(margin.shape))
+            # A copy, or what lies beyond the sensor would be held as well.
+            return margin.blurred(spectrum_of(scene, linear=self.linear), seen.on(margin.shape)).copy()
         return seen.blurred(scene.light if self.linear else scene.values, margin)
 
     def record(self, seen: Singles, design: Design, scene: Photograph, level_db: float) -> Record:

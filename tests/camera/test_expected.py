@@ -115,6 +115,18 @@ def test_a_filter_is_a_sum_of_its_neighbours(bar):
         assert abs((found - wanted) * transfer).max() < 0.02
 
 
+@pytest.mark.parametrize("phase", [False, True])
+def test_few_pixels_are_those_of_the_whole_picture(phase):
+    draw = np.random.default_rng(5)
+    margin, values = Margin((96, 160), 16), draw.random((1, 64, 128), dtype=np.float32)
+    gain = np.fft.rfft2(draw.random((1, 96, 160))).astype(np.complex64) / 100
+    gain = gain if phase else gain.real.copy()
+    spectrum = margin.mirrored(values)
+    (waves,) = expected._summed(np.ascontiguousarray(gain.swapaxes(1, 2)), spectrum[0].T)
+    whole = margin.blurred(spectrum, gain)
+    np.testing.assert_allclose(margin.few(waves, 4), whole[0, ::4, ::4], atol=1e-4 * abs(whole).max())
+
+
 def test_products_of_filters_are_those_of_their_spreads():
     gains = [np.random.default_rng(seed).random((12, 9), dtype=np.float32) for seed in (1, 2)]
     one, other = (np.fft.irfft2(gain, (12, 16)) for gain in gains)

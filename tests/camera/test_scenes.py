@@ -47,3 +47,19 @@ def test_indoors_keeps_the_mean_and_turns_with_the_scene() -> None:
     assert dim.values.mean() == pytest.approx(0.3 * scene.values.mean(), rel=2e-3)
     turned = type(scene)(scene.name, scene.number, scene.values[:, ::-1, ::-1])
     assert np.allclose(indoors(turned).values, dim.values[:, ::-1, ::-1], atol=1e-6)
+
+
+def test_leaves_fall_one_after_the_other():
+    """As they are drawn disc by disc, to the last bit."""
+    rows, columns, draw, count = 96, 128, np.random.default_rng(3), 6000
+    share = draw.random(count)
+    radii = 1 / np.sqrt(share / 300.0**2 + (1 - share) / 3.0**2)
+    radii[:120] = np.maximum(radii[:120], draw.uniform(80, 300, 120))
+    middles, brightness = draw.random((count, 2)) * (rows, columns), draw.random(count) ** 2
+    colours = np.clip(brightness[:, None] * draw.uniform(0.6, 1.4, (count, 3)), 0.01, 1).astype(np.float32)
+    values = np.full((3, rows, columns), 0.2, dtype=np.float32)
+    y, x = np.arange(rows, dtype=np.float32)[:, None], np.arange(columns, dtype=np.float32)
+    for middle, radius, colour in zip(middles.astype(np.float32), radii, colours, strict=True):
+        cover = np.clip(np.float32(radius + 0.5) - np.hypot(y - middle[0], x - middle[1]), 0, 1)
+        values += (colour[:, None, None] - values) * cover
+    np.testing.assert_array_equal(dead_leaves(3, rows, columns).values, np.clip(values, 0, 1))

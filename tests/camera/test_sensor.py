@@ -13,6 +13,7 @@ from scipy import stats
 
 from maskfab.api.camera import protocol_f1
 from maskfab.base.errors import JobError
+from maskfab.camera import sensor
 from maskfab.camera.record import interpolated, sampled
 from maskfab.camera.sensor import ELECTRONS, F1_SENSOR, Exposure, poisson_quantile, record_light, stated_light
 from maskfab.job.camera import PHOTONS_PER_LUX_SECOND_UM2, Sensor
@@ -42,6 +43,19 @@ def test_noise_follows_its_seed_and_stops_at_the_full_well():
     np.testing.assert_allclose(first.values, F1_SENSOR.full_well / ELECTRONS[40], rtol=1e-6)
     assert first.clipped.all()
     assert not record_light(F1_SENSOR, light, 100.0, 1).clipped.any()
+
+
+@pytest.mark.parametrize("banding", [None, 6.0])
+def test_noise_that_is_kept_is_that_of_its_seed(monkeypatch, banding):
+    light, taken = (
+        np.random.default_rng(1).random((3, 40, 30), dtype=np.float32),
+        Sensor(read_noise=2.0, banding=banding),
+    )
+    monkeypatch.setattr(sensor, "_AT_ONCE", 1000)
+    kept = [record_light(taken, light, 900.0, 7).values for _ in range(2)]
+    monkeypatch.setattr(sensor, "_MOST_KEPT", 0)
+    for each in kept:
+        np.testing.assert_array_equal(each, record_light(taken, light, 900.0, 7).values)
 
 
 def test_a_converter_has_its_codes_and_cuts_the_dark_only_below_its_black_level():
