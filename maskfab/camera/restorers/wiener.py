@@ -87,9 +87,9 @@ class Ready:
         return self.margin.mirrored(self.record[colour : colour + 1])
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=3)
 def filters(blur: Blur, shape: tuple[int, int], epsilon: float) -> Transfer:
-    """G of all colours, for the scenes that are restored one after the other."""
+    """G of all colours, for the scenes that are restored one after the other; kept of a peak and its neighbours."""
     return wiener(blur.on(shape), prior(shape), epsilon)
 
 
