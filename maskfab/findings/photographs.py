@@ -387,11 +387,11 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
         shown: keep part of the first scene in least light and in most, not at the middle level alone.
     """
     protocol, levels = conditions.protocol, {middle_level(conditions.levels)}
-    first, *_ = scenes = drawn_scenes(highlights=bool(protocol.brackets))
     if shown:
         levels |= {min(conditions.levels), max(conditions.levels)}
     try:
         design, notes = conditions.design(name, panel, around)
+        first, *_ = scenes = drawn_scenes(highlights=bool(protocol.brackets))
         seen = {scene.name: protocol.seen(design, scene) for scene in scenes}
         given = [design], scenes, scenes, conditions.levels
         table = evaluate(*given, protocol=protocol, details=False, expected=True, seen=seen)

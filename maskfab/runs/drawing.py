@@ -87,10 +87,11 @@ def report_texts(
     look into, unless no file of the folder has polygons, or too many; ``read`` are those that are read already."""
     shown = mask_file(document["files"])
     view = shown is not None and shown["bytes"] <= MOST_BYTES
-    page = html_page(document, pictures, view=view)
+    text = report_data.report_text(document)
+    page = html_page(document, pictures, view=view, text=text)
     more = {VIEW: viewer_page(shown_plate(folder, document["files"], document, page, read=read))} if view else {}
     return {
-        REPORT: report_data.report_text(document),
+        REPORT: text,
         PAGE: page,
         APPENDIX: appendix_page(document, pictures, view=view),
         NUMBERS: numbers_text(document),

@@ -77,6 +77,7 @@ def html_page(
     made_with: Mapping[str, str] | None = None,
     *,
     view: bool = False,
+    text: str | None = None,
 ) -> str:
     """The report as one HTML page.
 
@@ -85,6 +86,7 @@ def html_page(
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.report.pictures` makes them;
             a figure that is missing is left out.
         made_with: versions of the programs that made it; by default those that are installed.
+        text: of report.json, where it is there already.
 
     Equal documents and pictures give equal pages.
     """
@@ -121,7 +123,7 @@ def html_page(
         refs=references(listed, "appendix.html"),
         view=view,
         places=linked_places,
-        report_hash=hashlib.sha256(report_text(document).encode()).hexdigest(),
+        report_hash=hashlib.sha256((text or report_text(document)).encode()).hexdigest(),
         versions=versions() if made_with is None else made_with,
         environments=environments(
             document["job_hash"], document["maskfab_version"], [file["sha256"] for file in document["files"]]
