@@ -151,14 +151,14 @@ _PHOTOGRAPHS_BYTES = 200e6
 def _photographs_s(conditions: Any, around: Any, *_: Any) -> float:
     bands = () if around.scene is None else around.scene.bands
     seen = len(bands or conditions.camera.wavelengths_nm)
-    return 1.5 * float(len(conditions.levels)) / _LEVELS if seen == _COLOURS else 0.0
+    return 1.1 * float(len(conditions.levels)) / _LEVELS if seen == _COLOURS else 0.0
 
 
 def _optics_s(die: Any, camera: Any, *_: Any) -> float:
     """Dots in the stop set the transform's length, pixels of the window its points."""
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     dots = camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
-    return float(len(camera.wavelengths_nm) * (0.02 + 0.08 * side**2 + 0.1 * (dots / 500) ** 2))
+    return float(len(camera.wavelengths_nm) * (0.015 + 0.05 * side**2 + 0.065 * (dots / 500) ** 2))
 
 
 def _scene_s(_die: Any, _camera: Any, scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
