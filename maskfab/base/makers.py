@@ -38,11 +38,7 @@ class Maker:
 
 
 def makers(name: str, family: str) -> tuple[Maker, ...]:
-    """Makers of a quantity or of an error code; maybe none.
-
-    Args:
-        family: its name in the registry, such as ``mtf{percent}`` for mtf50; of a code the code itself.
-    """
+    """Makers of a quantity (``family`` by the registry: ``mtf{percent}`` for mtf50) or of an error code; maybe none."""
     pattern = re.compile(re.sub(r"\{(\w+)\}", lambda word: rf"(?:{FAMILIES[word[1]]}|\{{\}})", family), re.DOTALL)
     # A name may stand whole, or be put together of a beginning or an end and what a loop gives.
     stems = [max(re.split(r"\{\w+\}", family), key=len)]

@@ -61,11 +61,7 @@ class Lesson:
 
 @dataclass(frozen=True, eq=False)
 class Lessons:
-    """All lessons behind a design, by their number; the same every time.
-
-    Attributes:
-        levels: of light, one of which is drawn for each, dB.
-    """
+    """All lessons behind a design, by their number, the same every time; one of ``levels`` (dB) is drawn for each."""
 
     protocol: Protocol
     design: Design
@@ -300,11 +296,7 @@ ROW = ("minutes", "step", "loss", "gain", "gain_over_filter")
 
 @dataclass(frozen=True, eq=False)
 class Trade:
-    """The die, camera and light that a network is trained behind.
-
-    Attributes:
-        transfer: H of the die at some frequencies.
-    """
+    """The die, camera and light that a network is trained behind; ``transfer`` is H at some frequencies."""
 
     job: str
     digest: str
@@ -330,11 +322,7 @@ class Trade:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """A network and where its training stands.
-
-    Attributes:
-        history: rows of :data:`ROW`, one each time that it was judged by scenes that are not taught.
-    """
+    """A network, and where its training stands; ``history`` has a row of :data:`ROW` each time scenes judged it."""
 
     trade: Trade
     course: Course

@@ -81,11 +81,7 @@ class Similarity:
 
 
 def rough_match(first: Singles, first_valid: Mask, second: Singles, second_valid: Mask) -> Similarity:
-    """The turn, scale and shift of the best correlation.
-
-    Args:
-        first, second: high-passed pictures of one scale, some 100 pixels along a side.
-    """
+    """The turn, scale and shift of the best correlation of high-passed pictures of one scale, some 100 px a side."""
     size = tuple(scipy.fft.next_fast_len(a + b, real=True) for a, b in zip(first.shape, second.shape, strict=True))
 
     def spectra(picture: Singles, valid: Mask) -> list[NDArray[np.complex64]]:

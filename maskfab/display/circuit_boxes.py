@@ -10,11 +10,7 @@ from maskfab.base.units import NM_PER_UM
 
 @dataclass(frozen=True)
 class BoxKind:
-    """Boxes of one size in one circuit.
-
-    Attributes:
-        width_nm, height_nm: sides, contacts included.
-    """
+    """Boxes of one size in one circuit, contacts included."""
 
     name: str
     width_nm: int
@@ -59,11 +55,7 @@ class BoxRules:
 
 
 def check_boxes(rules: BoxRules, side_nm: int) -> None:
-    """Refuse boxes and gaps that no pixel can hold.
-
-    Args:
-        side_nm: of a pixel less its gutter.
-    """
+    """Refuse boxes and gaps that no pixel less its gutter, ``side_nm``, can hold."""
     side_um = side_nm / NM_PER_UM
     lengths = [
         (f"the {name} of box {kind.name!r}", length_nm, "boxes")

@@ -161,11 +161,7 @@ class LightDemand:
 
 
 def current_density(light: LightDemand, area_shares: Triple) -> Triple:
-    """Current density of red, green and blue at white, in mA/cm².
-
-    Args:
-        area_shares: each emitter's area over the pixel's, gutter included.
-    """
+    """Current density of red, green and blue at white, in mA/cm²; ``area_shares`` are of the pixel with its gutter."""
     red, green, blue = (
         MA_PER_CM2 * light.luminance_cd_per_m2 * share / (efficacy * area)
         for share, efficacy, area in zip(light.shares, light.efficacy_cd_per_a, area_shares, strict=True)

@@ -188,11 +188,7 @@ def predicted_rms(offset_px: float, viewing: Viewing) -> float:
 
 
 def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
-    """rms luminance contrast of light between two frequencies, the lower one excluded.
-
-    Args:
-        spectrum: of a flat field, up to ``high_cpd`` or more.
-    """
+    """rms luminance contrast of a flat field's light, known to ``high_cpd`` or more, between two frequencies."""
     luminance = np.tensordot(LUMINANCE, spectrum.coefficients, axes=1)
     mean = luminance[len(spectrum.y_cpd) // 2, 0].real
     inside = (spectrum.radius_cpd > low_cpd) & (spectrum.radius_cpd <= high_cpd)

@@ -145,11 +145,7 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class EyeAndLife:
-    """Everything of a job that judges how its displays look and live.
-
-    Attributes:
-        stated: whether the job states any of it, so that a reference that cannot be drawn is refused.
-    """
+    """Looks and lives of a job's displays; where ``stated``, a reference that cannot be drawn is refused."""
 
     looks: LooksSection
     lives: LivesSection

@@ -173,11 +173,7 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
 
 
 def resolve(stated: JobSpec, path: Path) -> Job:
-    """The job of a validated spec, with the files that it names and does not hold itself.
-
-    Args:
-        path: the file that it came from; names of other files are relative to its folder.
-    """
+    """The job of a validated spec from the file ``path``, with the files that it names relative to its folder."""
     faults = JobFaults.of_spec(stated)
     job = _job(stated, path, faults)
     faults.refuse()

@@ -601,11 +601,7 @@ def orientations_in_use(panel: Panel) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class PlateNames:
-    """Cell names of a plate, the same in every format.
-
-    Attributes:
-        units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
-    """
+    """Cell names of a plate, the same in every format; ``units`` as ``OPENING_D<dot>_G<gutter>_R<orientation>``."""
 
     top: str
     dies: tuple[str, ...]

@@ -472,11 +472,7 @@ def check_alike(held: tuple[Opening, ...], where: str) -> None:
 
 
 def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellMap | None, *, where: str) -> Panel:
-    """The panel of a die, whatever camera looks through it.
-
-    Args:
-        side_nm: of the square that it may fill.
-    """
+    """The panel of a die in a square of ``side_nm``, whatever camera looks through it."""
     opening, *others = held
     size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))
     if die.pitch is not None:

@@ -173,11 +173,7 @@ def thinned(shapes: Sequence[Candidate], most: int = MOST_JUDGED) -> list[Candid
 
 
 def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _KINDS) -> list[Candidate]:
-    """Shapes that were left out, near the best place of each of the best kinds that were judged.
-
-    Args:
-        judged: those that were left, the best first.
-    """
+    """Shapes left out, near the best place of each of the best kinds of those ``judged``, which are the best first."""
     best: dict[str, tuple[int, int]] = {}
     for one in judged:
         name = one.name.partition(" at ")[0]

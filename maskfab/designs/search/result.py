@@ -140,11 +140,7 @@ class Designed:
 
 @dataclass(frozen=True, eq=False)
 class SceneDesign:
-    """A design in the conditions of its scene.
-
-    Attributes:
-        random: the same panel with its cells turned at random; None without a map of one opening.
-    """
+    """A design in its scene's conditions; ``random``: its cells turned at random, None without a map of one opening."""
 
     seen: SceneConditions
     panel: SceneAppraisal

@@ -116,11 +116,7 @@ class Alignment:
 
 
 def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
-    """The alignment of a file; the simplest of the trials that differ least.
-
-    Args:
-        read: the file, one top cell; only the layer CLEAR of both counts.
-    """
+    """The simplest alignment, of those that differ least, of a file of one top cell; only CLEAR of both counts."""
     windows = [window for window in _windows(plate, design) if not window.clear.is_empty()]
     whole, file_box = (clear_box(layout) for layout in (design, read))
     if file_box.empty() or not windows:
@@ -276,11 +272,7 @@ _NAMES = {um: unit for unit, um in UM_PER_UNIT.items() if unit.isascii()}
 def in_drawn_unit(
     plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignment, again: Callable[[float], db.Layout]
 ) -> tuple[db.Layout, Alignment]:
-    """The file in the unit that it was drawn in, and how it then lies; as they are if that is the one it was read in.
-
-    Args:
-        again: reads the file with a stated unit in um.
-    """
+    """The file in the unit that it was drawn in, ``again`` (of a unit in um) if need be, and how it then lies."""
     unit_um = drawn_unit_um(read)
     if unit_um is None:
         return read, alignment

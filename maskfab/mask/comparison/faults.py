@@ -133,11 +133,7 @@ def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
 
 
 def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
-    """Distance by which the drawing extends beyond the blank.
-
-    Args:
-        size: nanometres of the plate that one of the file becomes.
-    """
+    """Distance by which the drawing extends beyond the blank; ``size`` nanometres of the plate are one of the file."""
     side = round(plate.blank_nm * size)
     boxes = [] if box.empty() else [(box.left, box.bottom, box.right, box.top)]
     extent = checked_extent(boxes, (side, side))
@@ -257,11 +253,7 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Broken:
-    """Where one rule is broken.
-
-    Attributes:
-        boxes_nm: int64 [n, 4], all of them, or the first.
-    """
+    """Where one rule is broken: boxes int64 [n, 4], all of them, or the first."""
 
     count: int
     worst: float | None
@@ -303,11 +295,7 @@ def asked(plate: Plate, limits: LimitsSection, scale: float = 1.0) -> Asked:
 def rules_of_like(
     plate: Plate, design: db.Layout, laid: db.Layout, differing: db.Region, wanted: Asked
 ) -> Iterator[Quantity]:
-    """The rows of a file that is the design, or nearly.
-
-    Args:
-        differing: what only one of them makes clear, where rules are looked at.
-    """
+    """The rows of a file that is the design, or nearly; rules are looked at where only one of them is clear."""
     rules = wanted.rules
     in_design = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)

@@ -49,11 +49,7 @@ class LayerReading:
 
 @dataclass(frozen=True)
 class Reading:
-    """A file by one reader.
-
-    Attributes:
-        refused: why it reads nothing, in words; empty if it does.
-    """
+    """A file by one reader; ``refused`` says why it reads nothing, empty if it does."""
 
     reader: str
     version: str

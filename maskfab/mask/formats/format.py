@@ -220,11 +220,7 @@ class Format:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """One file of a result.
-
-    Attributes:
-        die: what it is about; None for the whole plate.
-    """
+    """One file of a result, about one die, or (None) the whole plate."""
 
     name: str
     form: Format

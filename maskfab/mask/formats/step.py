@@ -45,11 +45,7 @@ _BYTES_PER_SECOND = 1e5
 
 @dataclass(frozen=True)
 class Shade:
-    """A colour.
-
-    Attributes:
-        rgb: red, green and blue, 0 to 1.
-    """
+    """A colour: red, green and blue, 0 to 1."""
 
     rgb: tuple[float, float, float]
     transparency: float = 0.0

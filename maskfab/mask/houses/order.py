@@ -388,11 +388,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class OrderForm:
-    """An order as far as it is filled in for a house.
-
-    Attributes:
-        touches: places of the plate at which clear shapes meet by a corner only.
-    """
+    """An order as far as it is filled in for a house; ``touches``: clear shapes that meet by a corner only."""
 
     spec: JobSpec
     plate: Plate

@@ -44,11 +44,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table.
-
-    Attributes:
-        cells: one for each column, None where there is no such number.
-    """
+    """One line of a table: a cell for each column, None where there is no such number."""
 
     name: str
     cells: tuple[Any, ...]
