@@ -89,10 +89,7 @@ def _texts(function: ast.FunctionDef) -> Iterator[str]:
 
 
 def guards(name: str, maker: Maker) -> tuple[str, ...]:
-    """Tests that speak most of the name, or of the function in files that import its module.
-
-    As pytest calls them, ``tests/optics/test_lags.py::test_parseval``; none where no tests are installed.
-    """
+    """Tests, as pytest calls them, that speak most of the name or its function's module; none where not installed."""
     module, _, function = maker.function.rpartition(".")
     named, called = re.compile(rf"[\"']{re.escape(name)}[\"']"), re.compile(rf"\b{re.escape(function)}\b")
     counted = []

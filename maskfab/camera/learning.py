@@ -48,12 +48,7 @@ _FIRST, _APART = 10_000_000, 100_000
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """One photograph.
-
-    Attributes:
-        shown: of its record, [planes, rows, columns].
-        true: code values, [3, rows, columns].
-    """
+    """One photograph: ``shown`` of its record, [planes, rows, columns], ``true`` code values, [3, rows, columns]."""
 
     shown: Singles
     true: Singles
@@ -124,10 +119,7 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 def kept_for_validation(
     photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
-    """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
-
-    The last photograph is kept where there are several.
-    """
+    """Scenes, so many drawn, that nothing is learned from (the last photograph if several), and the other ones."""
     held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return held_back, photographs

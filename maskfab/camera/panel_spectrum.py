@@ -321,12 +321,7 @@ def _gains(power: Floats, smooth: Floats, panel: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A record's spectrum, and where the signal stands above the noise.
-
-    Attributes:
-        power: at the plane's frequencies, [3, n].
-        counted: those where there is signal, or some of them.
-    """
+    """A record's spectrum at the plane's frequencies, [3, n], and where signal stands above the noise."""
 
     plane: Plane
     noise: tuple[NoiseSpectrum, ...]

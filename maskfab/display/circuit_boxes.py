@@ -20,12 +20,7 @@ class BoxKind:
 
 @dataclass(frozen=True)
 class BoxRules:
-    """Boxes of the drive circuits of a pixel, and their gaps.
-
-    Attributes:
-        circuits: of one pixel, one for each subpixel.
-        shared_by: pixels that take turns at one circuit.
-    """
+    """Boxes of a pixel's drive circuits, one for each subpixel, and their gaps; pixels may take turns at a circuit."""
 
     kinds: tuple[BoxKind, ...]
     gap_nm: int
@@ -55,7 +50,11 @@ class BoxRules:
 
 
 def check_boxes(rules: BoxRules, side_nm: int) -> None:
-    """Refuse boxes and gaps that no pixel less its gutter, ``side_nm``, can hold."""
+    """Refuse boxes and gaps that no pixel can hold.
+
+    Args:
+        side_nm: of a pixel less its gutter.
+    """
     side_um = side_nm / NM_PER_UM
     lengths = [
         (f"the {name} of box {kind.name!r}", length_nm, "boxes")

@@ -70,12 +70,7 @@ class CircuitRules:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Area available for circuits, and area needed.
-
-    Attributes:
-        area_um2: room at least as wide as asked.
-        closed_um2: all of it, however narrow.
-    """
+    """Area for circuits at least as wide as asked, all of it however narrow, and area needed."""
 
     area_um2: float
     closed_um2: float

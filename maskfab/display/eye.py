@@ -85,12 +85,7 @@ HIGHEST_CPD = math.sqrt(-math.log(_FLOOR)) / (math.pi * 0.0283)
 
 @dataclass(frozen=True, eq=False)
 class ColourDifference:
-    """Difference of two pictures.
-
-    Attributes:
-        delta_e: float64 [y, x] CIE 1976 colour difference; about 2.3 is just noticeable.
-        colour: float64 [y, x] its part in a* and b* alone.
-    """
+    """Difference of two pictures, float64 [y, x] CIE 1976 (2.3 is just noticeable), and its part in a* and b* alone."""
 
     delta_e: Floats
     colour: Floats

@@ -107,7 +107,11 @@ class DisplayRules:
         *,
         where: str = "",
     ) -> DisplayRules:
-        """The rules of a job; ``zone`` is of pixels over the camera, by default that of the display around."""
+        """The rules of a job.
+
+        Args:
+            zone: pixels over the camera; by default those of the display around, which share circuits as stated.
+        """
         zone = zone or CameraZone((circuits or section).shared_by)
         pieces = section.pieces == "several"
         if pieces and section.max_aspect is not None:

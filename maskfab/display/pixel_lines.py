@@ -210,12 +210,7 @@ def ports(
 
 @dataclass(frozen=True, eq=False)
 class RoutingGrid:
-    """Nodes on which lines may run.
-
-    Attributes:
-        free: bool [n, n], y up.
-        places_nm: their coordinates along a side, the pixel's lower left corner, gutter included, the origin.
-    """
+    """Nodes on which lines may run, bool [n, n], y up, and their coordinates from the pixel's lower left corner."""
 
     free: Mask
     places_nm: Ints

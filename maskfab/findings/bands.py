@@ -68,12 +68,7 @@ _SIDES = (-2.0, 2.0)
 
 @dataclass(frozen=True)
 class ProcessSpread:
-    """Standard deviations over the displays that are made.
-
-    Attributes:
-        bias_um: of the width of clear features.
-        radius_um: of the corner radius.
-    """
+    """Standard deviations over the displays that are made, of the width of clear features and of the corner radius."""
 
     bias_um: float = 0.0
     radius_um: float = 0.0

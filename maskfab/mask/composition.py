@@ -155,12 +155,7 @@ LABEL_NM = _GAP_NM + _HEIGHT_NM
 def title_block(
     name: str, title: str, lines: Iterable[str], anchor_nm: Point, height_nm: int, small_nm: int, room_nm: int
 ) -> Mark:
-    """A title centred on the anchor, with lines of smaller letters below.
-
-    Args:
-        anchor_nm: middle of the title's base line.
-        room_nm: widest that a line may be; a longer one is made smaller.
-    """
+    """A title centred on the anchor, with lines of smaller letters below; longer ones than ``room_nm`` get smaller."""
     x, y = anchor_nm
     polygons = fitted_text(title, height_nm, anchor_nm, room_nm)
     for number, line in enumerate(lines, 1):

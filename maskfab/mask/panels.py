@@ -104,12 +104,7 @@ _FIT, _UNFIT = "die_seeds_fit", "die_seeds_unfit"
 
 @dataclass(frozen=True)
 class DieSeeds:
-    """Seeds that were tried of a die.
-
-    Attributes:
-        fit: of dies that the display fits, ascending.
-        unfit: of dies that it does not.
-    """
+    """Seeds that were tried of a die, ascending by fit and unfit."""
 
     fit: tuple[int, ...]
     unfit: tuple[int, ...] = ()
@@ -472,7 +467,11 @@ def check_alike(held: tuple[Opening, ...], where: str) -> None:
 
 
 def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: CellMap | None, *, where: str) -> Panel:
-    """The panel of a die in a square of ``side_nm``, whatever camera looks through it."""
+    """The panel of a die, whatever camera looks through it.
+
+    Args:
+        side_nm: of the square that it may fill.
+    """
     opening, *others = held
     size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))
     if die.pitch is not None:

@@ -42,7 +42,11 @@ def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult,
 
 
 def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResult:
-    """Boxes in plate coordinates that leave one about the origin; the value is how far the worst sticks out, in nm."""
+    """Boxes that leave a box about the origin; the value is how far the worst sticks out, in nm.
+
+    Args:
+        boxes: of everything that is written, in plate coordinates.
+    """
     width, height = extent_nm
     out = []
     for x0, y0, x1, y1 in boxes:

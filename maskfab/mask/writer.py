@@ -42,12 +42,7 @@ _SQUARE = 2
 
 
 def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
-    """Clear shapes as data, merged with kissing corners apart.
-
-    Args:
-        plate: whose marks tell what is left as drawn.
-        bias_nm: by which the writer makes clear widths wider; even, negative narrows.
-    """
+    """Clear shapes as data, merged, kissing corners apart; the writer widens by an even bias, marks as drawn."""
     return _resized(clear, plate, -bias_nm)
 
 

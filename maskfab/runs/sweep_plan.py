@@ -429,7 +429,11 @@ def require_quantities(spec: SweepSpec, where: str) -> None:
 
 
 def planned_of(spec: SweepSpec, loaded: Job, path: Path, where: str) -> Plan:
-    """:func:`planned` for a loaded job; names of files in the study's values are relative to ``path``, its file's."""
+    """:func:`planned` for a job that is loaded already.
+
+    Args:
+        path: that names of files in the study's values are relative to, as of the job's file.
+    """
     sweep = spec.sweep
     job = _of_dies(loaded, sweep.dies, path, where)
     fields = fields_of(spec, job.spec, [die.name for die in job.spec.die], where)

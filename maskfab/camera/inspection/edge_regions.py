@@ -88,7 +88,11 @@ class FoundEdge:
 
 
 def found_edges(values: Floats, valid: Mask) -> tuple[list[FoundEdge], list[SourceError]]:
-    """Edges of linear light, float64 [rows, columns], from the top left on, and why others that look so are refused."""
+    """Edges from the top left on, and why others that look like edges cannot be measured.
+
+    Args:
+        values: linear light, float64 [rows, columns], row 0 the top.
+    """
     if min(values.shape) < 2 * NARROWEST_PX or not valid.any():
         return [], []
     even = scipy.ndimage.median_filter(filled(values, valid), 3)

@@ -293,12 +293,7 @@ def transfers(die: DieTransfer, error: PupilError) -> Transfers:
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations over the panels that are made.
-
-    Attributes:
-        bias_um: of the width of clear features.
-        centre_um: of the stop's centre from the map's, along x and along y.
-    """
+    """Standard deviations over the panels made: width of clear features; the stop's centre from the map's, by axis."""
 
     bias_um: float = 0.0
     centre_um: float = 0.0

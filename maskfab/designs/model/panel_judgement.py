@@ -33,12 +33,7 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Loss of one pupil.
-
-    Attributes:
-        loss: minus the weighted mean over the levels of the expected restored PSNR, dB.
-        slope: finds its slopes; to be asked for once.
-    """
+    """Loss of one pupil, minus the mean expected restored PSNR, dB; its slopes are to be asked for once."""
 
     loss: float
     slope: Callable[[], Slope]

@@ -263,12 +263,7 @@ class Alternatives:
 
 @dataclass(frozen=True)
 class Stages:
-    """Clocks of the stages of a design within its budget.
-
-    Attributes:
-        search: of scan, annealing, shortlist or descent.
-        bounded: whether there is time for bounds, appraisals and alternatives.
-    """
+    """Clocks of a design's stages in its budget; ``bounded`` if there is time for bounds, appraisals, alternatives."""
 
     search: Clock
     map: Clock

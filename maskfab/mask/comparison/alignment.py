@@ -296,12 +296,7 @@ _UNTOLD = (
 
 @dataclass(frozen=True)
 class StatedLayers:
-    """Layers as stated by the job.
-
-    Attributes:
-        names: what its mask house calls them in DXF, by their names on the plate; empty if as there.
-        cut: whether the house takes holes on a layer of their own, as :data:`CUT` is.
-    """
+    """Layers as the job states them: their names at the house, and whether it takes holes as :data:`CUT`."""
 
     names: Mapping[str, str] = field(default_factory=dict)
     cut: bool = False

@@ -133,7 +133,11 @@ def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
 
 
 def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
-    """Distance by which the drawing extends beyond the blank; ``size`` nanometres of the plate are one of the file."""
+    """Distance by which the drawing extends beyond the blank.
+
+    Args:
+        size: nanometres of the plate that one of the file becomes.
+    """
     side = round(plate.blank_nm * size)
     boxes = [] if box.empty() else [(box.left, box.bottom, box.right, box.top)]
     extent = checked_extent(boxes, (side, side))

@@ -82,12 +82,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """A file by all its readers.
-
-    Attributes:
-        alike: whether all of them read it, and draw the same but for chords and rounding.
-        views: of layers, those first that readers draw otherwise.
-    """
+    """A file by all its readers: ``alike`` but for chords and rounding; views of layers, those that differ first."""
 
     readings: tuple[Reading, ...]
     alike: bool

@@ -391,7 +391,11 @@ def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
 
 
 def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone: Tone) -> Quantity:
-    """Wrong dots of a plate's TIFF or BMP, read back, whose limit is 0; all dots if its size or count is another."""
+    """Read a plate's TIFF or BMP back and compare every dot with the design.
+
+    Returns:
+        ``plate_bitmap_wrong_dots``, whose limit is 0; all dots if there are too many or too few, or of another size.
+    """
     grid = DotGrid.of(plate, dpi)
     try:
         with path.open("rb") as file:

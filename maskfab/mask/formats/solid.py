@@ -159,12 +159,7 @@ _BAND_CORNERS = 4_000
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface, counter-clockwise triangles seen from outside.
-
-    Attributes:
-        vertices_nm: float64 [n, 3], no two alike.
-        triangles: int64 [m, 3].
-    """
+    """A closed surface: vertices float64 [n, 3], no two alike; triangles int64 [m, 3], outside counter-clockwise."""
 
     vertices_nm: Floats
     triangles: Ints

@@ -52,12 +52,7 @@ class Shade:
 
 
 def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
-    """Give every solid the colour of its product.
-
-    Args:
-        path: a file that the library has written without colours, its entities numbered as the model's.
-        shades: by the product's name; others get none.
-    """
+    """Give every solid of a file that the library has written the colour of its product; others get none."""
     lines, number = [], model.NbEntities()
     for name, solids, context in _parts(model):
         if name not in shades:

@@ -129,12 +129,7 @@ def plotted_dpi(section: ExportSection | None, shop: Shop | None) -> int | None:
 def dot_edges(
     plate: Plate, spec: JobSpec, shop: Shop | None, formats: Sequence[str], dpi: int | None
 ) -> DotEdges | None:
-    """Errors of the edges of a plate's bitmap; None if none is among the formats.
-
-    Args:
-        spec: of its job, whose [order] may state a tolerance of widths.
-        shop: the house, which may have published one.
-    """
+    """Errors of the edges of a plate's bitmap, by the house's and job's tolerances; None if no bitmap is made."""
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
         return None
     grid = DotGrid.of(plate, dpi)

@@ -55,7 +55,11 @@ class _Fault:
 
 
 def planted(read: db.Layout, name: str, plate: Asked) -> Quantity:
-    """The number of planted faults that :func:`maskfab.mask.judge.verdict.judged` catches in a layout."""
+    """The number of planted faults that the judge has caught.
+
+    Args:
+        read: a layout file, as :func:`maskfab.mask.judge.verdict.judged` takes it.
+    """
     shown = [number for number, display in enumerate(plate.displays) if display.shown]
     least = min(shown or range(len(plate.dies)), key=lambda number: plate.dies[number].clear.size)
     displays = tuple(display.wires_or_emitters for display in plate.displays[least : least + 1])

@@ -72,12 +72,7 @@ _styled = mpl.rc_context(
 
 @_styled
 def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str], reads_up: bool = True) -> bytes:
-    """The plate on a sheet of A3, equal plates in equal bytes.
-
-    Args:
-        plate: what is drawn; panels as boxes, marks as they are.
-        reads_up: whether the design reads right with the chrome up, and not through the glass.
-    """
+    """The plate on a sheet of A3, equal plates in equal bytes; ``reads_up`` if right with the chrome up."""
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
     _draw_plate(figure.add_axes((0.02, 0.03, 0.64, 0.94)), plate)
     _write(figure.add_axes((0.68, 0.14, 0.31, 0.83)), plate, notes)

@@ -54,12 +54,7 @@ class Line:
 
 @dataclass(frozen=True)
 class DieLine(Line):
-    """One die beside others.
-
-    Attributes:
-        psnr: mean of its restored photographs, dB.
-        display: verdict; None where no display was asked for.
-    """
+    """One die beside others: mean PSNR of restored photographs, dB; display verdict, None if none was asked for."""
 
     psnr: Cell = Cell("–")
     gain: Cell = Cell("–")
@@ -71,12 +66,7 @@ AnyLine = TypeVar("AnyLine", bound=Line)
 
 @dataclass(frozen=True)
 class Table(Generic[AnyLine]):
-    """Lines under headings.
-
-    Attributes:
-        level_db: light of the photographs; None without any, or where columns tell it.
-        reference: die that gains are over; None if there is none.
-    """
+    """Lines under headings; light of photographs or None; die that gains are over, if any."""
 
     columns: tuple[Any, ...]
     lines: tuple[AnyLine, ...]
