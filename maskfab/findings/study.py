@@ -238,8 +238,7 @@ class Setting:
         return self.conditions.protocol
 
     def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
-        """As :meth:`maskfab.findings.photographs.Conditions.design`, restored by the blur of the reference, if
-        it is given."""
+        """As :meth:`maskfab.findings.photographs.Conditions.design`, restored by the reference's blur, if given."""
         design, notes = self.conditions.design(name, panel, Surroundings.of(self.job))
         if self.reference is None:
             return design, notes

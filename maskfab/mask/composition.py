@@ -96,10 +96,7 @@ _TURNS = ORIENTATIONS // 2
 
 
 def mirrored(plate: Plate) -> Plate:
-    """The plate seen from its other side; twice it is the plate itself.
-
-    Names and titles stay: they are those of the same things.
-    """
+    """The plate seen from its other side, names and titles as they are; twice it is the plate itself."""
 
     def across(place: Point) -> Point:
         return -place[0], place[1]
@@ -296,8 +293,7 @@ def _maker_line(setting: of_marks.Setting) -> str:
 
 
 def plain_marks(setting: of_marks.Setting) -> of_marks.DrawnMarks:
-    """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
-    written."""
+    """Title, labels, corner fiducials, parity mark, CD bars and outlines, in the order in which they are written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
     places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
     lines = (f"{_maker_line(setting)} | digitized data = {setting.tone}",)

@@ -308,8 +308,7 @@ def _with_maps(stated: JobSpec, path: Path, faults: JobFaults) -> JobSpec:
 
 
 def _with_seeds(stated: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path, faults: JobFaults) -> JobSpec:
-    """The spec with a seed for every die that needs one and states none: the first that its files name; MF111 where
-    they name none."""
+    """The spec with a seed for dies that need one and state none: the first their files name; MF111 without any."""
     dies = list(stated.die)
     for i, die in enumerate(stated.die):
         with faults:

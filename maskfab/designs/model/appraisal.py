@@ -108,9 +108,7 @@ def designed_panel(
 
 
 def cells_across(camera: Camera, scene: Scene, room: CellGrid) -> int:
-    """Cells along a panel that covers the stop from every place, with room for light that a gap spreads; even or odd as
-    those of ``room`` are.
-    """
+    """Cells along a panel that covers the stop from every place and a gap's spread; even or odd as ``room``'s are."""
     moved = max(shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))
     finest = room.dot_um / _SAMPLES
     spread = min(scene.gap_um, gap_guard_um(scene.gap_um, max(camera.wavelengths_nm), finest))

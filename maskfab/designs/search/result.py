@@ -362,10 +362,7 @@ def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
 def camera_facts(
     camera: Camera | PhotoCamera, settings: CaptureSettings = F1_SETTINGS, seen: SceneConditions | None = None
 ) -> Facts:
-    """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
-
-    What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
-    """
+    """The camera that an opening was designed for, as provenance; nothing for protocol F1's: earlier bytes are kept."""
     line = camera_line(camera)
     scene: Facts = {} if seen is None else {"scene": seen.line}
     if not settings.is_f1:

@@ -254,8 +254,7 @@ def _differing(
 
 
 def _part_of_few(window: _Window, read: db.Layout, index: int, back: db.ICplxTrans) -> tuple[db.Box, db.Box]:
-    """The middle of a window as far as the file has few enough shapes in it, and where that lies in the file; empty
-    where it has far more."""
+    """The middle of a window with few enough shapes, and where it lies in the file; empty where there are far more."""
     box = window.box
     for _ in range(_MOST_HALVED + 1):
         place = box.transformed(back).enlarged(1, 1)

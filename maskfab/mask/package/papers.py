@@ -44,10 +44,7 @@ from maskfab.mask.plate_rules import Smallest, smallest_of_plate
 
 
 def printable(text: str) -> str:
-    """The text with a space for each character that a printer or a terminal would obey.
-
-    No font has them, XML forbids them, and drawings as PDF fail over them.
-    """
+    """The text with a space for every control character: no font has them, XML forbids them, PDFs fail over them."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 

@@ -145,8 +145,7 @@ def band_of(die: Record, row: Record) -> Record | None:
 
 
 def edges(band: Record | None, scale: float = 1.0, decimals: int = 3, *, sign: bool = False) -> str:
-    """From edge to edge, to as many decimals as the number has, or more where these would not show the band; nothing
-    without one."""
+    """From edge to edge, to the number's decimals or more if these hid the band; nothing without a band."""
     if band is None:
         return ""
     low, high = (scale * edge for edge in band["between"])
