@@ -17,12 +17,7 @@ _BYTES_PER_UNIT = 1 if sys.platform == "darwin" else 1024
 
 @dataclass
 class Effort:
-    """Cost of work so far.
-
-    Attributes:
-        seconds: of a processor, in this thread, or process, and in others that it waited for.
-        bytes: of memory that the largest process held at its most.
-    """
+    """Cost of work so far: seconds of processors here and in those waited for, bytes of the largest process."""
 
     seconds: float = 0.0
     bytes: float = 0.0

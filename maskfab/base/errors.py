@@ -115,11 +115,7 @@ class MissingPackageError(JobError):
 
 
 class ManyFaultsError(JobError):
-    """Several faults of one input, told at once.
-
-    Args:
-        faults: two or more, in the order in which they are told.
-    """
+    """Several faults of one input, told at once: two or more, in the order in which they are told."""
 
     def __init__(self, faults: Sequence[MaskfabError]) -> None:
         places = {fault.where.partition(": ")[0] for fault in faults}

@@ -21,12 +21,7 @@ from maskfab.base.errors import MissingPackageError
 
 @dataclass(frozen=True)
 class Extra:
-    """Packages that are installed together.
-
-    Attributes:
-        modules: by the names that they are imported by.
-        use: of them, in words.
-    """
+    """Packages that are installed together, with the modules that they are imported by and, in words, their use."""
 
     modules: tuple[str, ...]
     use: str

@@ -132,12 +132,7 @@ class Account:
 
 
 def write_mark(folder: Path, job_hash: str | None) -> None:
-    """Write the manifest of all files in a folder, by which an earlier result is known as one.
-
-    Args:
-        folder: with every file in it.
-        job_hash: of the job that made them; None without one.
-    """
+    """Write the manifest of all files of a folder, and of their job if any, by which an earlier result is known."""
     files = [
         {"path": path.name, "bytes": path.stat().st_size, "sha256": sha256_of_file(path)}
         for path in sorted(folder.iterdir())
@@ -222,8 +217,7 @@ def _trace(path: Path) -> _Trace:
 
 
 def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
-    """Whether a file says what :func:`times_text` writes for the job, numbers under names, accounts, and nothing else;
-    earlier versions gave no account."""
+    """Whether a file says what :func:`times_text` writes, and nothing else; earlier versions gave no account."""
     try:
         text = path.read_text(encoding="utf-8")
         document = json.loads(text)

@@ -38,11 +38,7 @@ class Maker:
 
 
 def makers(name: str, family: str) -> tuple[Maker, ...]:
-    """Makers of a quantity or of an error code; maybe none.
-
-    Args:
-        family: its name in the registry, such as ``mtf{percent}`` for mtf50; of a code the code itself.
-    """
+    """Makers of a quantity (``family`` by the registry: ``mtf{percent}`` for mtf50) or of an error code; maybe none."""
     pattern = re.compile(re.sub(r"\{(\w+)\}", lambda word: rf"(?:{FAMILIES[word[1]]}|\{{\}})", family), re.DOTALL)
     # A name may stand whole, or be put together of a beginning or an end and what a loop gives.
     stems = [max(re.split(r"\{\w+\}", family), key=len)]
@@ -93,10 +89,7 @@ def _texts(function: ast.FunctionDef) -> Iterator[str]:
 
 
 def guards(name: str, maker: Maker) -> tuple[str, ...]:
-    """Tests that speak most of the name, or of the function in files that import its module.
-
-    As pytest calls them, ``tests/optics/test_lags.py::test_parseval``; none where no tests are installed.
-    """
+    """Tests, as pytest calls them, that speak most of the name or its function's module; none where not installed."""
     module, _, function = maker.function.rpartition(".")
     named, called = re.compile(rf"[\"']{re.escape(name)}[\"']"), re.compile(rf"\b{re.escape(function)}\b")
     counted = []

@@ -210,11 +210,7 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
         return Task(call, self)
 
     def finish(self, tasks: Sequence[Task[Any]], done: Callable[[int], None] = lambda _: None) -> None:
-        """Return when tasks have ended, however they did.
-
-        Args:
-            done: told how many have ended.
-        """
+        """Return when tasks have ended, however they did; ``done`` is told how many have."""
         for number, task in enumerate(tasks, start=1):
             if not task.ended:
                 task.begin()

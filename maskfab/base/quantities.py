@@ -20,8 +20,7 @@ from maskfab.base.errors import InternalError
 
 
 class Subject(StrEnum):
-    """Of a plate, what a check is about; each has a verdict of its own, for a plate that can be ordered may be one
-    that no display fits."""
+    """Of a plate, what a check is about; each has its own verdict: one can be ordered that no display fits."""
 
     FILES = "files"
     OPTICS = "optics"

@@ -43,11 +43,7 @@ GROUPS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Explanation:
-    """One error code in words.
-
-    Attributes:
-        meaning: the one line that every error of this code shares.
-    """
+    """One error code in words: ``meaning`` is the one line that every error of this code shares."""
 
     code: str
     meaning: str

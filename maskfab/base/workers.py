@@ -71,11 +71,7 @@ EVERY_CORE = Workers()
 
 
 class ClusterExecutor(ProcessExecutor):
-    """This process and the workers of a Dask cluster.
-
-    Args:
-        installation: tells a worker's version of all that numbers depend on.
-    """
+    """This process and the workers of a Dask cluster; ``installation`` is a worker's of all that numbers depend on."""
 
     def __init__(self, scheduler: str, installation: Callable[[], str]) -> None:
         super().__init__()

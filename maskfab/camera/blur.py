@@ -335,11 +335,7 @@ def stand_named(name: str) -> int:
 
 @dataclass(frozen=True, eq=False)
 class StandingBlur:
-    """Blur by a die one way round.
-
-    Attributes:
-        drawn: by the die as drawn, y upwards.
-    """
+    """Blur by a die one way round; ``drawn`` is that by the die as drawn, y upwards."""
 
     drawn: Blur
     way_round: int = 0

@@ -166,11 +166,7 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class FittedBlur(KeptBlur):
-    """A blur at another scale and angle.
-
-    Attributes:
-        transfer: on frequencies half as far apart as those of the square that it was fitted to.
-    """
+    """A blur at another scale and angle, on frequencies half as far apart as those of the square it was fitted to."""
 
     transfer: Transfer
     setting: Fitted

@@ -48,12 +48,7 @@ _FIRST, _APART = 10_000_000, 100_000
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """One photograph.
-
-    Attributes:
-        shown: of its record, [planes, rows, columns].
-        true: code values, [3, rows, columns].
-    """
+    """One photograph: ``shown`` of its record, [planes, rows, columns], ``true`` code values, [3, rows, columns]."""
 
     shown: Singles
     true: Singles
@@ -61,11 +56,7 @@ class Lesson:
 
 @dataclass(frozen=True, eq=False)
 class Lessons:
-    """All lessons behind a design, by their number; the same every time.
-
-    Attributes:
-        levels: of light, one of which is drawn for each, dB.
-    """
+    """All lessons behind a design, by their number, the same every time; one of ``levels`` (dB) is drawn for each."""
 
     protocol: Protocol
     design: Design
@@ -128,10 +119,7 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 def kept_for_validation(
     photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
-    """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
-
-    The last photograph is kept where there are several.
-    """
+    """Scenes, so many drawn, that nothing is learned from (the last photograph if several), and the other ones."""
     held_back = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return held_back, photographs
@@ -300,11 +288,7 @@ ROW = ("minutes", "step", "loss", "gain", "gain_over_filter")
 
 @dataclass(frozen=True, eq=False)
 class Trade:
-    """The die, camera and light that a network is trained behind.
-
-    Attributes:
-        transfer: H of the die at some frequencies.
-    """
+    """The die, camera and light that a network is trained behind; ``transfer`` is H at some frequencies."""
 
     job: str
     digest: str
@@ -330,11 +314,7 @@ class Trade:
 
 @dataclass(frozen=True, eq=False)
 class Checkpoint:
-    """A network and where its training stands.
-
-    Attributes:
-        history: rows of :data:`ROW`, one each time that it was judged by scenes that are not taught.
-    """
+    """A network, and where its training stands; ``history`` has a row of :data:`ROW` each time scenes judged it."""
 
     trade: Trade
     course: Course

@@ -212,11 +212,7 @@ def _cut(scene: Singles) -> Singles:
 
 
 def _scattered(blur: Blur, values: Floats, seen: Seen) -> float:
-    """Times by which gains of records scatter more than those of Gaussian scenes: of drawn ones with such a spectrum.
-
-    Args:
-        values: of the scene's spectrum, [3, values].
-    """
+    """Factor by which gains of records scatter more than a Gaussian scene's, of drawn ones with such a spectrum."""
     side, draw, plane = 2 * _DRAWN_PX, np.random.default_rng(0), plane_of(_DRAWN_PX)
     shape = Shape.of(blur, plane)
     y, x = np.broadcast_arrays(scipy.fft.fftfreq(side)[:, None], scipy.fft.rfftfreq(side)[None])

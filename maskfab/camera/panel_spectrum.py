@@ -32,8 +32,6 @@ from maskfab.camera.noise_spectrum import NoiseSpectrum, tapered_power
 
 LARGEST = 512
 """Pixels along a side of what is looked at, from the record's middle."""
-SCALE, TURN = 0.06, math.radians(4)
-"""Bounds of what is fitted: of scale to either side of 1, and of the angle."""
 _KNOTS = np.log(np.array([0.004, 0.008, 0.016, 0.03, 0.06, 0.12, 0.25, 0.6]) / 0.1)
 _RADIAL = len(_KNOTS)
 _BEND = np.diff(np.eye(_RADIAL), 2, axis=0)
@@ -321,12 +319,7 @@ def _gains(power: Floats, smooth: Floats, panel: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A record's spectrum, and where the signal stands above the noise.
-
-    Attributes:
-        power: at the plane's frequencies, [3, n].
-        counted: those where there is signal, or some of them.
-    """
+    """A record's spectrum at the plane's frequencies, [3, n], and where signal stands above the noise."""
 
     plane: Plane
     noise: tuple[NoiseSpectrum, ...]

@@ -345,11 +345,7 @@ _ROWS = 64
 
 
 def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
-    """Linear sRGB within 0 to 1.
-
-    Args:
-        light: [3, rows, columns] in units of each colour's own white.
-    """
+    """Linear sRGB within 0 to 1 of light [3, rows, columns] in units of each colour's own white."""
     matrix = (photo.matrix * 2.0**stops).astype(np.float32)
     colours = np.moveaxis(np.empty((*light.shape[1:], 3), dtype=np.float32), -1, 0)
     for first in range(0, light.shape[1], _ROWS):
@@ -470,11 +466,7 @@ class RestoredPhoto:
         colours: ChartMatrix | None,
         stops: float,
     ) -> RestoredPhoto:
-        """The picture that restored light becomes.
-
-        Args:
-            won: by the restorer that was chosen, in units of each colour's own white.
-        """
+        """The picture that restored light becomes: ``won`` by the chosen restorer, in units of each colour's white."""
         sentences = photo.told
         if colours is not None:
             photo = replace(photo, matrix=colours.matrix)

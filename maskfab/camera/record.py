@@ -90,11 +90,7 @@ def _moved(
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of a record in units of white.
-
-    Attributes:
-        step: of the converter, in electrons; 0 for none.
-    """
+    """Noise of a record in units of white; ``step`` is the converter's, in electrons, 0 for none."""
 
     electrons: float
     read_noise: float
@@ -205,11 +201,7 @@ class Restorer(Protocol):
 
 
 def merged(exposures: Sequence[Record]) -> Record:
-    """One record of several of the same light, all in units of one white.
-
-    Returns:
-        A record with the noise of all, and the full well of the shortest: what that one clips is clipped.
-    """
+    """One record of several of the same light and white: with the noise of all, and the full well of the shortest."""
     ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
     values = ordered[0].values
     for _ in range(2):
@@ -263,11 +255,7 @@ def binned(record: Record) -> Record:
 
 
 def of_cells(places: NDArray[Any], colours: str) -> NDArray[Any]:
-    """Red, green and blue of cells of a mosaic, [3, rows, columns], nothing interpolated.
-
-    Args:
-        colours: of the places, such as ``RGGB``; the mean of both greens counts.
-    """
+    """Cells of a mosaic of ``colours`` such as ``RGGB``, [3, rows, columns]; greens averaged, none interpolated."""
     return np.stack([places[[k for k in range(4) if colours[k] == colour]].mean(axis=0) for colour in "RGB"])
 
 

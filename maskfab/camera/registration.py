@@ -81,11 +81,7 @@ class Similarity:
 
 
 def rough_match(first: Singles, first_valid: Mask, second: Singles, second_valid: Mask) -> Similarity:
-    """The turn, scale and shift of the best correlation.
-
-    Args:
-        first, second: high-passed pictures of one scale, some 100 pixels along a side.
-    """
+    """The turn, scale and shift of the best correlation of high-passed pictures of one scale, some 100 px a side."""
     size = tuple(scipy.fft.next_fast_len(a + b, real=True) for a, b in zip(first.shape, second.shape, strict=True))
 
     def spectra(picture: Singles, valid: Mask) -> list[NDArray[np.complex64]]:
@@ -376,12 +372,7 @@ class RegisteredPhoto:
 def brought(
     names: tuple[str, str], first: Singles, first_full: Mask, second: Singles, second_full: Mask
 ) -> RegisteredPhoto:
-    """The second picture, resampled once, at the places of the first one's pixels.
-
-    Args:
-        first, second: linear light within 0 to 1, [3, rows, columns].
-        first_full, second_full: [rows, columns], pixels that were full.
-    """
+    """The second picture, resampled once, at the first's pixels; linear light [3, rows, columns] and what was full."""
     registration = registered(first, first_full, second, second_full, names[1])
     where, shape = registration.where, (first.shape[1], first.shape[2])
     taken = np.stack([where.taken(plane, shape, order=_ORDER) for plane in second])

@@ -353,11 +353,7 @@ class Crop:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A photograph through a design, restored.
-
-    Attributes:
-        picture: part of it, float32 [3, rows, columns] within 0 to 1, row 0 on top; code values as the scene's.
-    """
+    """A restored photograph through a design: part of it, float32 [3, rows, columns] of code values, row 0 on top."""
 
     score: Score
     picture: Singles

@@ -100,11 +100,7 @@ class Shortage:
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """Places of boxes, as many as were found.
-
-    Attributes:
-        exhausted: whether no places for all of them exist, for the search left none out.
-    """
+    """Places of boxes, as many as were found; ``exhausted`` if the search proved that there are none for all."""
 
     places: tuple[Place, ...]
     complete: bool

@@ -19,12 +19,7 @@ _WHOLE = 0.01
 
 @dataclass(frozen=True)
 class CameraZone:
-    """Pixels over the camera.
-
-    Attributes:
-        sharing: pixels that share their circuits.
-        normal_nm: pitch of the display around; None where it is the zone's own.
-    """
+    """Pixels over the camera, which may share circuits; ``normal_nm`` is the pitch around, None if the zone's own."""
 
     sharing: int = 1
     normal_nm: int | None = None

@@ -10,11 +10,7 @@ from maskfab.base.units import NM_PER_UM
 
 @dataclass(frozen=True)
 class BoxKind:
-    """Boxes of one size in one circuit.
-
-    Attributes:
-        width_nm, height_nm: sides, contacts included.
-    """
+    """Boxes of one size in one circuit, contacts included."""
 
     name: str
     width_nm: int
@@ -24,12 +20,7 @@ class BoxKind:
 
 @dataclass(frozen=True)
 class BoxRules:
-    """Boxes of the drive circuits of a pixel, and their gaps.
-
-    Attributes:
-        circuits: of one pixel, one for each subpixel.
-        shared_by: pixels that take turns at one circuit.
-    """
+    """Boxes of a pixel's drive circuits, one for each subpixel, and their gaps; pixels may take turns at a circuit."""
 
     kinds: tuple[BoxKind, ...]
     gap_nm: int

@@ -43,11 +43,7 @@ _FEW_CELLS = 64
 
 @dataclass(frozen=True, eq=False)
 class Circuits:
-    """Answer on the circuits of a pixel.
-
-    Attributes:
-        certificate: why not all can be placed; None if they are, or it is not known.
-    """
+    """Answer on the circuits of a pixel; ``certificate`` says why not all can be placed, if that is known."""
 
     verdict: Verdict
     boxes: tuple[CircuitBox, ...]

@@ -70,12 +70,7 @@ class CircuitRules:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Area available for circuits, and area needed.
-
-    Attributes:
-        area_um2: room at least as wide as asked.
-        closed_um2: all of it, however narrow.
-    """
+    """Area for circuits at least as wide as asked, all of it however narrow, and area needed."""
 
     area_um2: float
     closed_um2: float
@@ -161,11 +156,7 @@ class LightDemand:
 
 
 def current_density(light: LightDemand, area_shares: Triple) -> Triple:
-    """Current density of red, green and blue at white, in mA/cm².
-
-    Args:
-        area_shares: each emitter's area over the pixel's, gutter included.
-    """
+    """Current density of red, green and blue at white, in mA/cm²; ``area_shares`` are of the pixel with its gutter."""
     red, green, blue = (
         MA_PER_CM2 * light.luminance_cd_per_m2 * share / (efficacy * area)
         for share, efficacy, area in zip(light.shares, light.efficacy_cd_per_a, area_shares, strict=True)

@@ -166,11 +166,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Tiled:
-    """Pixels of a few kinds side by side, on which pictures are shown; the field repeats beyond its edges.
-
-    Attributes:
-        held: int [rows, columns], the kind of each pixel, row 0 the lowest.
-    """
+    """Pixels of a few kinds, int [rows, columns], row 0 the lowest, on which pictures are shown; the field repeats."""
 
     tiles: tuple[Tile, ...]
     held: Indices

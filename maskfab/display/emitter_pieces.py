@@ -218,11 +218,7 @@ class _Annealing:
     """Squares of three colours. Most moves are refused, for no more than has to be known of them."""
 
     def __init__(self, squares: Squares, seen: Floats, targets: tuple[int, int, int], seed: int) -> None:
-        """No square of any colour yet.
-
-        Args:
-            seen: [3, n, n, terms] as :func:`maskfab.display.evenness.sight` has it.
-        """
+        """No square of any colour yet; ``seen`` is [3, n, n, terms] as of :func:`maskfab.display.evenness.sight`."""
         n, stride, terms = squares.cells, squares.stride, seen.shape[-1]
         self.squares, self.targets, self.seed = squares, targets, seed
         ys, xs = squares.places()

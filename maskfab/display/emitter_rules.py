@@ -48,12 +48,7 @@ class EmitterRules:
 
 @dataclass(frozen=True)
 class EmitterGrid:
-    """A pixel as square cells on which the opening and every rule are whole numbers.
-
-    Attributes:
-        cells: along a side of the area that holds dots (the pixel less its gutter).
-        to_opening, colour_gap, min_width: the rules in cells.
-    """
+    """A pixel as square cells along its side less the gutter; the opening and every rule are whole numbers of them."""
 
     cells: int
     cell_nm: int

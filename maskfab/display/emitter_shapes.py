@@ -54,11 +54,7 @@ class WindowTable:
 
 
 def window_table(regions: Mask, min_width: int, max_aspect: float = math.inf) -> WindowTable:
-    """The largest rectangle in every strip and every corner window.
-
-    Args:
-        regions: bool [k, n, n] cells in which a rectangle may lie.
-    """
+    """The largest rectangle in every strip and every corner window of ``regions``, bool [k, n, n]."""
     both = np.stack([regions, regions.swapaxes(-1, -2)], axis=1)
     strips = _strips(both, min_width, max_aspect)
     flipped = np.stack(
@@ -332,11 +328,7 @@ def polish(
 
 
 def cut_triples(squares: Squares, least: float, most: int) -> Iterator[Shapes]:
-    """The three largest shapes between two straight cuts, for every place of both cuts that leaves each large enough.
-
-    Args:
-        most: places of each cut that are tried, evenly over those that are large enough.
-    """
+    """The three largest shapes between two straight cuts, each at up to ``most`` places where all are large enough."""
     return _Cuts(squares, (1.0, 1.0, 1.0)).every(least, most)
 
 

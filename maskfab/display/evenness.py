@@ -51,22 +51,14 @@ _NEGLIGIBLE = 1e-8
 
 @dataclass(frozen=True)
 class Evenness:
-    """Unevenness that is seen of an even field.
-
-    Attributes:
-        delta_e: mean S-CIELAB difference from a field without structure.
-        grain: rms luminance contrast up to 10 cycles per degree.
-    """
+    """Unevenness seen of an even field: mean S-CIELAB difference, and rms luminance contrast to 10 cycles/degree."""
 
     delta_e: float
     grain: float
 
 
 def evenness(panel: Panel, viewing: Viewing) -> Evenness:
-    """Evenness of a panel whose pixels are turned as often as its own, each by itself.
-
-    Pixels all alike that frame a map are a display of their own, and are left out.
-    """
+    """Evenness of a panel's pixels as often turned, each by itself; those all alike that frame a map are left out."""
     contents = [
         (orient(emitters.labels, turn), emitters.cell_nm)
         for emitters in emitters_of(panel)

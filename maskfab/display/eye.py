@@ -85,12 +85,7 @@ HIGHEST_CPD = math.sqrt(-math.log(_FLOOR)) / (math.pi * 0.0283)
 
 @dataclass(frozen=True, eq=False)
 class ColourDifference:
-    """Difference of two pictures.
-
-    Attributes:
-        delta_e: float64 [y, x] CIE 1976 colour difference; about 2.3 is just noticeable.
-        colour: float64 [y, x] its part in a* and b* alone.
-    """
+    """Difference of two pictures, float64 [y, x] CIE 1976 (2.3 is just noticeable), and its part in a* and b* alone."""
 
     delta_e: Floats
     colour: Floats
@@ -188,11 +183,7 @@ def predicted_rms(offset_px: float, viewing: Viewing) -> float:
 
 
 def measured_rms(spectrum: Series, low_cpd: float, high_cpd: float) -> float:
-    """rms luminance contrast of light between two frequencies, the lower one excluded.
-
-    Args:
-        spectrum: of a flat field, up to ``high_cpd`` or more.
-    """
+    """rms luminance contrast of a flat field's light, known to ``high_cpd`` or more, between two frequencies."""
     luminance = np.tensordot(LUMINANCE, spectrum.coefficients, axes=1)
     mean = luminance[len(spectrum.y_cpd) // 2, 0].real
     inside = (spectrum.radius_cpd > low_cpd) & (spectrum.radius_cpd <= high_cpd)

@@ -57,12 +57,7 @@ AT_LEAST = frozenset({"life"})
 
 @dataclass(frozen=True)
 class Limited:
-    """A number of a display, beside its reference and its limit.
-
-    Attributes:
-        reference: of its reference; None where there is none, or the value is relative to it.
-        stated: whether the job states the limit, which is else a default.
-    """
+    """A number of a display, its reference (None if none, or relative to it) and its limit, stated or default."""
 
     name: str
     value: float
@@ -101,12 +96,7 @@ def kept(numbers: Sequence[Limited]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Numbers of one display that limits of the eye and of life are held against.
-
-    Attributes:
-        reference: display that it is held against; None where the rules leave it no room.
-        of_map: whether these are those of the die's orientation map.
-    """
+    """Numbers of one display held against limits of eye and life, and a reference if the rules leave it room."""
 
     layout: str
     reference: Reference | None
@@ -145,11 +135,7 @@ class Judgement:
 
 @dataclass(frozen=True, eq=False)
 class EyeAndLife:
-    """Everything of a job that judges how its displays look and live.
-
-    Attributes:
-        stated: whether the job states any of it, so that a reference that cannot be drawn is refused.
-    """
+    """Looks and lives of a job's displays; where ``stated``, a reference that cannot be drawn is refused."""
 
     looks: LooksSection
     lives: LivesSection

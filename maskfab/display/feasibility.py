@@ -216,8 +216,7 @@ class Feasibility:
 
     @property
     def verdict(self) -> Verdict:
-        """FITS if emitters and wires are there, keep every rule and leave room for circuits; a proof against any says
-        no."""
+        """FITS if emitters and wires are there, keep every rule and leave room for circuits; any proof says no."""
         if self.certificates:
             return Verdict.DOES_NOT_FIT
         parts = [part.verdict for part in (self.circuits, self.around, self.wiring) if part is not None]

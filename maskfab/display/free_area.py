@@ -292,11 +292,7 @@ def border_margin(grid: EmitterGrid) -> int:
 
 
 def facing_squares(region: Mask, grid: EmitterGrid, orientations: Iterable[int] = EVERY) -> Squares:
-    """The squares of a region, of which those near a border know what they forbid within the neighbours.
-
-    Args:
-        region: bool [n, n] cells in which an emitter may lie, no margin taken off.
-    """
+    """The squares of a region, bool [n, n] without a margin, each with what it forbids near neighbours' borders."""
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     reach, pitch = grid.min_width + grid.colour_gap - 1, grid.cells + grid.gutter
     n = grid.cells - grid.min_width + 1
@@ -397,11 +393,7 @@ def meetings(orientations: Labels) -> tuple[frozenset[Pair], frozenset[Pair]]:
 
 
 def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: Labels) -> Borders:
-    """Check every pair of neighbours of a panel.
-
-    Args:
-        labels: emitters of one pixel, int8 [n, n] on the grid's cells.
-    """
+    """Check every pair of neighbours of a panel, of one pixel's labels, int8 [n, n] on the grid's cells."""
     beside, across = meetings(orientations)
     turned = [(orient(labels, k), orient(opening, k)) for k in range(ORIENTATIONS)]
     shortfalls: list[tuple[int, Pair]] = []

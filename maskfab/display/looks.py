@@ -58,11 +58,7 @@ class Looks:
 
 
 def looks(shown: Tiled, viewing: Viewing) -> Looks:
-    """Look at the pixels of a die; the field repeats beyond its edges.
-
-    Args:
-        viewing: its pitch may differ from the display's own, which is then seen scaled to it.
-    """
+    """Look at the pixels of a die, seen scaled to the viewing's pitch; the field repeats beyond its edges."""
     return _looks(shown, shown, viewing)
 
 
@@ -108,11 +104,7 @@ def seen(shown: Tiled, viewing: Viewing, picture: str) -> Singles:
 def field_of(
     cells: tuple[int, ...], viewing: Viewing, of_map: tuple[int, int] | None = None, *, least: int = 1
 ) -> tuple[int, int]:
-    """Rows and columns that are looked at.
-
-    Args:
-        least: pixels along a side, however near the eye is.
-    """
+    """Rows and columns that are looked at, ``least`` or more of either, however near the eye is."""
     most = max(least, math.isqrt(MOST_SEEN) // carrying(HIGHEST_CPD, viewing))
     rows, columns = of_map or (MOST_PIXELS, MOST_PIXELS)
     return max(1, min(cells[0], rows, most)), max(1, min(cells[1], columns, most))

@@ -26,11 +26,7 @@ from maskfab.base.model import Opening
 
 @dataclass(frozen=True)
 class WireRules:
-    """Width and space rules for drawing lines; the defaults are a judgement, no source was found.
-
-    Attributes:
-        clearance_nm: least distance from an opaque line to any opening.
-    """
+    """Width and space of drawn lines, clearance of opaque ones from openings; the defaults are a judgement."""
 
     line_nm: int = 3000
     space_nm: int = 3000
@@ -140,11 +136,7 @@ _MOST_TRIED = 400
 
 @dataclass(frozen=True)
 class Ports:
-    """Ports at which the lines of any two pixels of a panel meet.
-
-    Attributes:
-        exact: whether no larger set exists; otherwise the count is a lower bound.
-    """
+    """Where the lines of any two pixels of a panel meet; where not ``exact``, the count is a lower bound."""
 
     places: tuple[int, ...]
     exact: bool
@@ -218,12 +210,7 @@ def ports(
 
 @dataclass(frozen=True, eq=False)
 class RoutingGrid:
-    """Nodes on which lines may run.
-
-    Attributes:
-        free: bool [n, n], y up.
-        places_nm: their coordinates along a side, the pixel's lower left corner, gutter included, the origin.
-    """
+    """Nodes on which lines may run, bool [n, n], y up, and their coordinates from the pixel's lower left corner."""
 
     free: Mask
     places_nm: Ints

@@ -30,12 +30,7 @@ _MOST_SEEN = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Surrounded:
-    """The middle of a panel in the regular display.
-
-    Attributes:
-        inside: pixels of the panel along a side.
-        around: pixels of the regular display on every side.
-    """
+    """The middle of a panel and of the regular display on every side, in pixels."""
 
     panel: Panel
     reference: Reference

@@ -28,11 +28,7 @@ _RADII, _ANGLES = 6, 24
 
 
 def turned_grain(emitters: Emitters, viewing: Viewing, *, elements: Iterable[int] = range(ORIENTATIONS)) -> float:
-    """rms luminance contrast, as slow grain, of a white field of pixels that each draw one of the elements.
-
-    Args:
-        emitters: of a pixel; colours without area send nothing.
-    """
+    """rms luminance contrast, as slow grain, of a white field of pixels that each draw one of the elements."""
     weights = _luminance(emitters)
     if not weights.any():
         return 0.0

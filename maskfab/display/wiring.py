@@ -50,11 +50,7 @@ class Reach:
 
 
 def reaches(closed: Mask, emitters: Emitters) -> tuple[Reach, ...]:
-    """The shortest way of every connected emitter, by colour, through closed dots that share sides.
-
-    Args:
-        closed: bool [n, n], True where a line may run.
-    """
+    """Shortest way of each connected emitter, by colour, through closed dots (bool [n, n], True) that share sides."""
     per_dot = emitters.labels.shape[0] // closed.shape[0]
     ways = []
     for colour in range(1, len(COLOURS) + 1):
@@ -134,11 +130,7 @@ def _box(x0: int, y0: int, x1: int, y1: int) -> Polygon:
 
 @dataclass(frozen=True)
 class WireDemand:
-    """Wires required by the display maker.
-
-    Attributes:
-        transparent_nm: width of a transparent wire along each axis; 0 for none.
-    """
+    """Wires required by the display maker; ``transparent_nm`` wide along each axis, 0 for none."""
 
     rules: WireRules
     lines: int

@@ -347,12 +347,7 @@ def _mtf_by_parity(path: Path, request: Request, progress: Progress) -> Iterator
 
 @dataclass(frozen=True)
 class _Told:
-    """Notes on how a mask file was read.
-
-    Attributes:
-        moved_nm: distance of its outlines from the file's, at most.
-        off_um2: bound of the error of what is clear before the stop, by the length of all outlines there.
-    """
+    """Notes on how a file was read: its outlines' distance from it at most, the bound of error in clear area."""
 
     quantities: tuple[Quantity, ...]
     moved_nm: float

@@ -53,7 +53,6 @@ from maskfab.optics.stop_edges import edges_in_stop, stop_region, whole_or_away
 
 Vertices = NDArray[np.uint8]
 
-_WHOLE = CONFIGURATIONS - 1
 _ARC_SIDES = 16
 _CLOSE_UP_DOTS = 3
 _FINE_SIDE, _LARGEST_SIDE = 2400, 6000

@@ -68,12 +68,7 @@ _SIDES = (-2.0, 2.0)
 
 @dataclass(frozen=True)
 class ProcessSpread:
-    """Standard deviations over the displays that are made.
-
-    Attributes:
-        bias_um: of the width of clear features.
-        radius_um: of the corner radius.
-    """
+    """Standard deviations over the displays that are made, of the width of clear features and of the corner radius."""
 
     bias_um: float = 0.0
     radius_um: float = 0.0
@@ -288,8 +283,7 @@ def band_quantities(
 def bands(
     written: Written, camera: Camera, spread: ProcessSpread, frequencies: Sequence[float] = (), where: str = ""
 ) -> tuple[Band, ...]:
-    """The bands of a written die's numbers, that of the PSF's shape last, for kissing corners fused; arguments and
-    errors as above."""
+    """The bands of a written die's numbers, the PSF's shape last, kissing corners fused; arguments, errors as above."""
     if not spread:
         return ()
     process, nominal = written.process, written.readings[Reading.FUSED]

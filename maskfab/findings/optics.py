@@ -241,11 +241,7 @@ def measure_pupils(
 
 @dataclass(frozen=True, eq=False)
 class LitPupils:
-    """The lags of what passes light: of the openings, and of the film where its leak is stated.
-
-    Attributes:
-        leak: of the film; None where nothing passes it.
-    """
+    """The lags of what passes light: of the openings, and of the film if its leak is stated (else None)."""
 
     table: LagTable
     axis_lags: tuple[AxisLags, AxisLags]

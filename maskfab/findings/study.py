@@ -165,11 +165,7 @@ def _of_levels(scores: Mapping[Take, Sequence[Score]], takes: Sequence[Take], me
 
 
 def of_optics(claim: ClaimSection, numbers: Mapping[tuple[str, float | None], tuple[float, float]]) -> Claim:
-    """A claim about numbers of the optics.
-
-    Args:
-        claim: about one that needs no photographs, but for the difference of PSFs.
-    """
+    """A claim about numbers of the optics, which needs no photographs, but for the difference of PSFs."""
     findings = []
     for die, over in pairs(claim):
         for (name, wavelength), (value, error) in numbers.items():
@@ -242,8 +238,7 @@ class Setting:
         return self.conditions.protocol
 
     def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
-        """As :meth:`maskfab.findings.photographs.Conditions.design`, restored by the blur of the reference, if
-        it is given."""
+        """As :meth:`maskfab.findings.photographs.Conditions.design`, restored by the reference's blur, if given."""
         design, notes = self.conditions.design(name, panel, Surroundings.of(self.job))
         if self.reference is None:
             return design, notes

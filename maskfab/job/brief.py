@@ -312,11 +312,7 @@ def _lens(module: Module) -> Camera:
 
 @dataclass(frozen=True)
 class Move:
-    """A number that differs from what was answered.
-
-    Attributes:
-        asked, got: in ``unit``.
-    """
+    """A number that differs from what was answered, both in ``unit``."""
 
     name: str
     asked: float

@@ -367,11 +367,7 @@ _DIE = re.compile(r"\bdie\[(\d+)\]")
 
 
 class JobFaults(Faults):
-    """Faults of a job, each of which names its die.
-
-    Args:
-        dies: names of the dies, in the order of the job; None for one that has none.
-    """
+    """Faults of a job, each of which names its die; ``dies`` in the order of the job, None for one that has none."""
 
     def __init__(self, dies: Sequence[str | None] = ()) -> None:
         super().__init__()

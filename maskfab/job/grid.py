@@ -30,11 +30,7 @@ _FINER, _NEAR_PITCH = 1.25, 0.02
 
 @dataclass(frozen=True)
 class Grid:
-    """Lengths that are whole numbers of cells.
-
-    Attributes:
-        rules_nm: gaps and widths, in the order in which they were given.
-    """
+    """Lengths that are whole numbers of cells, in the order in which they were given."""
 
     dots: int
     cell_nm: int

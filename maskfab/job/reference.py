@@ -107,12 +107,7 @@ _LIKE, _PART_OF_A_WORD = 0.7, 0.9
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a job file.
-
-    Attributes:
-        section: its table, such as ``camera.stop``; of a method of [design], ``design (method = "relax")``.
-        default: value as a job file writes it; None for a required key, empty where leaving it out means none.
-    """
+    """One key of a job file and its section; its default as a job writes it, None if required, empty if unset."""
 
     section: str
     name: str

@@ -76,10 +76,7 @@ def _depth(bare: str) -> int:
 
 
 def dumps(data: Mapping[str, object]) -> str:
-    """Plain values first, then a table for each mapping; mappings within these stand on one line.
-
-    Equal data have equal texts.
-    """
+    """Plain values first, then a table for each mapping, one line for those within; equal data, equal texts."""
     tables = {key: value for key, value in data.items() if isinstance(value, Mapping)}
     lines = [f"{key} = {value_text(value)}" for key, value in data.items() if key not in tables]
     for name, table in tables.items():

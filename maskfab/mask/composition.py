@@ -96,10 +96,7 @@ _TURNS = ORIENTATIONS // 2
 
 
 def mirrored(plate: Plate) -> Plate:
-    """The plate seen from its other side; twice it is the plate itself.
-
-    Names and titles stay: they are those of the same things.
-    """
+    """The plate seen from its other side, names and titles as they are; twice it is the plate itself."""
 
     def across(place: Point) -> Point:
         return -place[0], place[1]
@@ -155,12 +152,7 @@ LABEL_NM = _GAP_NM + _HEIGHT_NM
 def title_block(
     name: str, title: str, lines: Iterable[str], anchor_nm: Point, height_nm: int, small_nm: int, room_nm: int
 ) -> Mark:
-    """A title centred on the anchor, with lines of smaller letters below.
-
-    Args:
-        anchor_nm: middle of the title's base line.
-        room_nm: widest that a line may be; a longer one is made smaller.
-    """
+    """A title centred on the anchor, with lines of smaller letters below; longer ones than ``room_nm`` get smaller."""
     x, y = anchor_nm
     polygons = fitted_text(title, height_nm, anchor_nm, room_nm)
     for number, line in enumerate(lines, 1):
@@ -301,8 +293,7 @@ def _maker_line(setting: of_marks.Setting) -> str:
 
 
 def plain_marks(setting: of_marks.Setting) -> of_marks.DrawnMarks:
-    """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
-    written."""
+    """Title, labels, corner fiducials, parity mark, CD bars and outlines, in the order in which they are written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
     places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
     lines = (f"{_maker_line(setting)} | digitized data = {setting.tone}",)

@@ -49,12 +49,7 @@ class RuleResult:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Violations of a rule.
-
-    Attributes:
-        value: the worst; None where there are none.
-        boxes_nm: int64 [n, 4] of the first, sorted by lower left corner.
-    """
+    """Violations of a rule: the worst (None if none), and int64 [n, 4] boxes of the first, by lower left corner."""
 
     count: int
     value: float | None
@@ -473,12 +468,7 @@ def _neighbours(polygons: Sequence[Polygon], step: int) -> Ints:
 def flat_results(
     region: db.Region, polygons: Sequence[Polygon], rules: DesignRules, most: int, die: str | None = None
 ) -> tuple[RuleResult, ...]:
-    """Every rule on geometry, in plate coordinates.
-
-    Args:
-        region: what is clear, merged with kissing corners apart (see :func:`merged`).
-        polygons: the same as it is drawn.
-    """
+    """Every rule on geometry in plate coordinates, of what is clear, kissing corners apart (:func:`merged`)."""
     results: list[tuple[str, int, str, Found]] = []
     for name, (limit, check) in distance_checks(rules).items():
         facing = facing_edges(check(region))

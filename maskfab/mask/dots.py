@@ -69,11 +69,7 @@ NM_PER_INCH = 25_400_000
 
 @dataclass(frozen=True)
 class DotGrid:
-    """Dots of a square picture, their distance the whole part of an inch.
-
-    Attributes:
-        side: dots along x and along y.
-    """
+    """Dots of a square picture, ``side`` along x and along y, their distance the whole part of an inch."""
 
     dpi: int
     side: int

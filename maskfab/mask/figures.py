@@ -632,11 +632,7 @@ class Pen(ABC):
 
 
 def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | None = None) -> Iterator[str]:
-    """The text of everything on a layer, in pieces of about one cell.
-
-    Args:
-        die: only this one, and no marks.
-    """
+    """The text of everything on a layer, in pieces of about one cell; of one die, if it is given, without marks."""
     for drawn in figures.dies if die is None else (die,):
         for grid in drawn.grids:
             yield from _grid(figures, layer, pen, drawn.origin_nm, grid)

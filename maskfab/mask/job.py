@@ -173,11 +173,7 @@ def load_job(path: str | Path, further: Further | None = None) -> Job:
 
 
 def resolve(stated: JobSpec, path: Path) -> Job:
-    """The job of a validated spec, with the files that it names and does not hold itself.
-
-    Args:
-        path: the file that it came from; names of other files are relative to its folder.
-    """
+    """The job of a validated spec from the file ``path``, with the files that it names relative to its folder."""
     faults = JobFaults.of_spec(stated)
     job = _job(stated, path, faults)
     faults.refuse()
@@ -312,8 +308,7 @@ def _with_maps(stated: JobSpec, path: Path, faults: JobFaults) -> JobSpec:
 
 
 def _with_seeds(stated: JobSpec, openings: Mapping[str, tuple[Opening, ...]], path: Path, faults: JobFaults) -> JobSpec:
-    """The spec with a seed for every die that needs one and states none: the first that its files name; MF111 where
-    they name none."""
+    """The spec with a seed for dies that need one and state none: the first their files name; MF111 without any."""
     dies = list(stated.die)
     for i, die in enumerate(stated.die):
         with faults:

@@ -125,12 +125,7 @@ _AT_ORIGIN = _GRID_XY + bytes(8) + _GRID_ENDEL
 
 @dataclass(frozen=True, eq=False)
 class CellArray:
-    """Cells in rows and columns, none mirrored, turned or scaled.
-
-    Attributes:
-        index: int64 [rows, columns] into ``cells``, row 0 lowest.
-        origin_nm: of the cell [0, 0], in coordinates of the die.
-    """
+    """Cells in rows and columns, row 0 lowest, none mirrored, turned or scaled; origin of [0, 0] in the die's nm."""
 
     cells: tuple[str, ...]
     index: Ints
@@ -601,11 +596,7 @@ def orientations_in_use(panel: Panel) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class PlateNames:
-    """Cell names of a plate, the same in every format.
-
-    Attributes:
-        units: one for each unit cell, ``OPENING_D<dot>_G<gutter>_R<orientation>``.
-    """
+    """Cell names of a plate, the same in every format; ``units`` as ``OPENING_D<dot>_G<gutter>_R<orientation>``."""
 
     top: str
     dies: tuple[str, ...]

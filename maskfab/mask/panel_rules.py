@@ -44,12 +44,7 @@ from maskfab.mask.outlines import unit_shapes
 
 @dataclass(frozen=True, eq=False)
 class PanelCells:
-    """Contents of the cells of a panel.
-
-    Attributes:
-        held: the distinct entries of its orientations, ascending.
-        codes: int64 [rows, columns], index into ``held``.
-    """
+    """Contents of a panel's cells: distinct orientations, ascending, and int64 [rows, columns] codes into them."""
 
     panel: Panel
     held: tuple[int, ...]
@@ -551,12 +546,7 @@ def _off_grid(
 
 @dataclass(frozen=True)
 class Narrowest:
-    """A width of what is clear, or a space between clear edges.
-
-    Attributes:
-        value_nm: Euclidian distance; inf where nothing faces anything.
-        place: hull of the two edges, in plate nanometres; None where it was not asked for, or there is none.
-    """
+    """A width of clear or a space between clear edges; Euclidian, inf for none; ``place`` None if not asked for."""
 
     value_nm: float
     place: Box | None = None

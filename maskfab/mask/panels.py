@@ -104,12 +104,7 @@ _FIT, _UNFIT = "die_seeds_fit", "die_seeds_unfit"
 
 @dataclass(frozen=True)
 class DieSeeds:
-    """Seeds that were tried of a die.
-
-    Attributes:
-        fit: of dies that the display fits, ascending.
-        unfit: of dies that it does not.
-    """
+    """Seeds that were tried of a die, ascending by fit and unfit."""
 
     fit: tuple[int, ...]
     unfit: tuple[int, ...] = ()

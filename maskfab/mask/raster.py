@@ -343,11 +343,7 @@ def lines_nm(x: Lattice, y: Lattice, axis: tuple[float, float]) -> tuple[Floats,
 
 
 def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> tuple[set[int], bool]:
-    """Twice the distances from the axis, in nanometres, of the edges before the stop that lie along x or y.
-
-    Returns:
-        The distances, twice because an axis may lie between two nanometres; and whether other edges are there, too.
-    """
+    """Twice the distances from the axis, in nm, of edges before the stop along x or y; and whether there are others."""
     edges = 2 * region_edges(shapes).astype(np.int64)
     edges -= np.tile([round(2 * centre) for centre in axis], 2)
     start, span = edges[:, :2].astype(np.float64), (edges[:, 2:] - edges[:, :2]).astype(np.float64)

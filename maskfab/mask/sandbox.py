@@ -195,11 +195,7 @@ def begun(
     kind: Any,
     seconds: int | None = None,
 ) -> Iterator[Callable[[], Answer]]:
-    """Work of :func:`bounded` that goes on beside other work here, until its answer is asked for or nobody wants it.
-
-    Yields:
-        The answer, waited for; called once, it raises as :func:`bounded`.
-    """
+    """Work of :func:`bounded` beside other work here; yields its answer, which, called once, waits or raises."""
     if "fork" not in multiprocessing.get_all_start_methods():
         yield lambda: work(progress)
         return

@@ -42,12 +42,7 @@ _SQUARE = 2
 
 
 def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
-    """Clear shapes as data, merged with kissing corners apart.
-
-    Args:
-        plate: whose marks tell what is left as drawn.
-        bias_nm: by which the writer makes clear widths wider; even, negative narrows.
-    """
+    """Clear shapes as data, merged, kissing corners apart; the writer widens by an even bias, marks as drawn."""
     return _resized(clear, plate, -bias_nm)
 
 
@@ -260,11 +255,7 @@ def written_corners(
 
 
 def configurations(clear: Mask) -> NDArray[np.uint8]:
-    """Which of the four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; beyond the array all is dark.
-
-    Args:
-        clear: bool [..., ny, nx], row 0 lowest.
-    """
+    """Which of four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; row 0 lowest, dark beyond the array."""
     sides = [(0, 0)] * (clear.ndim - 2) + [(1, 1), (1, 1)]
     dots = np.pad(clear.astype(np.uint8), sides)
     below, above = dots[..., :-1, :], dots[..., 1:, :]

@@ -129,12 +129,7 @@ NO_LIMITS = Limits(0, 0, stated=False)
 
 @dataclass(frozen=True)
 class Verdicts:
-    """Findings on a plate, by subject.
-
-    Attributes:
-        files: checks of the files, against the design and against a mask house's rules.
-        tried: words on faults that were planted for the judge of the files; empty where none were.
-    """
+    """Findings on a plate, by subject: files by design and house; planted faults tried, empty if none."""
 
     files: Tally
     optics: Tally

@@ -28,11 +28,7 @@ from maskfab.report.documents.report import FinishedReport, designed_document
 
 @dataclass(frozen=True, eq=False)
 class AsDesigned:
-    """Dies of a job, measured and photographed as designed.
-
-    Attributes:
-        optics: MTF and numbers of every die, at every wavelength of the camera.
-    """
+    """Dies of a job, measured and photographed as designed; ``optics`` of each at every wavelength of the camera."""
 
     report: FinishedReport
     optics: tuple[DieOptics, ...]

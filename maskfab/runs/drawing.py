@@ -36,8 +36,7 @@ LEAST_SEEN = 12
 def draw_pictures(
     findings: PlateFindings, document: Document, executor: SerialExecutor, progress: Progress = silent
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
-    """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
-    shows."""
+    """The picture of the whole plate, as PNG, and every figure, by die and figure, of dies that the report shows."""
     progress("figures", 0, 1)
     Figures, built = report_figures.Figures, findings.built
     designs, drawn = {die["name"]: die for die in document["dies"]}, frozenset(front.shown_dies(document))

@@ -26,12 +26,7 @@ from maskfab.optics.metrics import auc_radial_min
 
 
 class Live:
-    """A progress that is also told of dies.
-
-    Args:
-        progress: told where the work stands, and a line for each die, of 0 steps out of 0.
-        page: written anew whenever something is known; None for none.
-    """
+    """A progress also told of dies, each line 0 of 0 steps, and its page, None for none."""
 
     def __init__(self, progress: Progress, page: Path | None = None, *, force: bool = False) -> None:
         """Raises OutputError MF401, MF402 for a page that cannot be written."""

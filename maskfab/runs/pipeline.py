@@ -94,11 +94,7 @@ def run(
 
 
 def plate_to_make(job: Job, faults: JobFaults) -> Plate | None:
-    """The plate of a job, and all that a run refuses of it before any die is worked on.
-
-    Returns:
-        The plate; None where it cannot be laid out.
-    """
+    """The plate of a job and all that a run refuses of it before any die is worked on; None if it can't be laid out."""
     for check in (job.check_window, partial(check_packages, job), partial(Conditions.of, job, "camera")):
         with faults:
             check()

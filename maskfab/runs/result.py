@@ -90,8 +90,7 @@ class Result:
 
     @property
     def notes(self) -> tuple[Quantity, ...]:
-        """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed or
-        without photographs."""
+        """Notes to see beside the checks: keys of the job unused, dies of another seed or without photographs."""
         rows = (*self.report.plate, *(row for die in self.report.dies.values() for row in die))
         return tuple(row for row in rows if row.name in _NOTES)
 

@@ -130,12 +130,7 @@ def _by_tasks(
 
 @dataclass(frozen=True)
 class PendingPhotographs:
-    """Photographs that are being taken.
-
-    Attributes:
-        tasks: by die.
-        reference: die that the job names as such.
-    """
+    """Photographs being taken, tasks by die; the reference as the job names it."""
 
     conditions: Conditions
     tasks: Mapping[str, Task[Restored]]

@@ -169,11 +169,7 @@ LIMIT_BYTES = 4 << 30
 
 @dataclass(frozen=True)
 class Origin:
-    """Everything that a finding depends on.
-
-    Attributes:
-        parts: fingerprints of the installation, of the function, and of each of its arguments.
-    """
+    """Everything that a finding depends on: fingerprints of the installation, the function, each of its arguments."""
 
     what: str
     parts: tuple[str, ...]
@@ -186,11 +182,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class KeptFinding:
-    """A finding that was kept.
-
-    Attributes:
-        since: when it was found, UTC by ISO 8601.
-    """
+    """A finding that was kept, since when, UTC by ISO 8601."""
 
     value: Any
     since: str

@@ -47,11 +47,7 @@ _SURROGATES = 8
 
 @dataclass(frozen=True, eq=False)
 class SweptDie:
-    """One die of one case.
-
-    Attributes:
-        works: all that is wanted of it; one may find what another is about on its way.
-    """
+    """One die of one case, and all that is wanted of it; one may find what another is about on its way."""
 
     job: Job
     name: str

@@ -45,11 +45,7 @@ class Of(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One number in every case.
-
-    Attributes:
-        values: float64 [cases], NaN where a case failed, or has no such number.
-    """
+    """One number in every case, float64 [cases], NaN where a case failed or has no such number."""
 
     of: Of
     unit: str
@@ -105,11 +101,7 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """A sweep that was made.
-
-    Attributes:
-        remade: number of cases that were found this time.
-    """
+    """A sweep that was made; ``remade`` cases were found this time."""
 
     plan: Plan
     records: tuple[Record, ...]

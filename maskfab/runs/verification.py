@@ -440,11 +440,7 @@ def _failed(name: str, problem: str) -> Quantity:
 
 @dataclass(frozen=True)
 class RemadeFile:
-    """One file of a directory, and the same made once more.
-
-    Attributes:
-        difference: in words; None if every byte is the same.
-    """
+    """One file of a directory and the same made once more; ``difference`` in words, None if every byte is the same."""
 
     name: str
     stage: str
@@ -453,11 +449,7 @@ class RemadeFile:
 
 @dataclass(frozen=True, repr=False)
 class Reproduction:
-    """A directory made once more.
-
-    Attributes:
-        versions: programs of other versions than then: name, then, now; "-" where there is none.
-    """
+    """A directory made once more; ``versions`` that differ: program, then, now ("-" where there is none)."""
 
     directory: Path
     files: tuple[RemadeFile, ...]

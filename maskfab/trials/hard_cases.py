@@ -183,8 +183,7 @@ def incommensurate_gutter() -> float:
 
 
 def gutters_dot_by_dot() -> float:
-    """Error of the matrix path against a sum over dots at whole nanometres, for the panel in a square stop that cuts no
-    dot."""
+    """Error of the matrix path against a sum over dots at whole nanometres, in a square stop that cuts no dot."""
     panel = example_panel(noise(21, 0.2, 1), dot_nm=4030, gutter_nm=8000, cells=6, seed=1)
     u = 0.4e-3 * np.arange(33, dtype=np.float64)
     half_nm = 3 * panel.pitch_nm

@@ -114,10 +114,7 @@ class Frame:
 
     @property
     def full(self) -> NDArray[np.bool_]:
-        """Pixels [rows, columns] that are full in any colour, or beside one that is, across the corner too.
-
-        A full pixel spills over to its neighbours, whatever their colour.
-        """
+        """Pixels [rows, columns] full in any colour, or beside such, across corners too: full pixels spill over."""
         at_white = np.asarray(self.counts >= np.float32(self.white))
         full = np.pad(at_white.reshape(-1, *self.shape).any(axis=0), 1)
         rows = full[:-2] | full[1:-1] | full[2:]

@@ -126,12 +126,7 @@ class Exposed:
 
 @dataclass(frozen=True)
 class Drift:
-    """Light of one exposure in that of the longest.
-
-    Attributes:
-        factor: as it is told by the pixels that both see.
-        taken_out: by how much the exposure is divided, 1 where no drift is proven.
-    """
+    """Light of one exposure in that of the longest; ``taken_out`` is 1 where no drift is proven."""
 
     factor: float
     error: float

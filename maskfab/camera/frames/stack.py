@@ -39,10 +39,7 @@ _SHORTEST, _LONGEST = 1e-7, 1e5
 
 
 def check_stack(frames: Sequence[Frame]) -> None:
-    """Refuse frames that cannot be merged.
-
-    One frame needs no time; several need times that differ.
-    """
+    """Refuse frames that cannot be merged: several need times that differ, one needs none."""
     if not frames:
         raise SourceError("MF334", "there are no frames", cure="Give one or more")
     same_sensor(frames)
@@ -117,11 +114,7 @@ _AROUND = np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
 
 
 def mean_beside(values: Floats, usable: Mask) -> Floats:
-    """Mean of each pixel's eight neighbours of its colour, the pixel itself left out.
-
-    Args:
-        usable: which of them count; 0 where none of a pixel's neighbours does.
-    """
+    """Mean of each pixel's ``usable`` ones of its eight neighbours of its colour, itself left out; 0 where none is."""
     total = ndimage.convolve(np.where(usable, values, 0.0), _AROUND, mode="constant")
     count = ndimage.convolve(usable.astype(np.float64), _AROUND, mode="constant")
     return np.asarray(np.divide(total, count, out=np.zeros_like(total), where=count > 0.5), dtype=np.float64)

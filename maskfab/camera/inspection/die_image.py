@@ -460,11 +460,7 @@ class DieImage:
         pixels: Sequence[Pixels],
         off_um: float = 0.0,
     ) -> DieImage:
-        """The image of a die.
-
-        Args:
-            off_um: how far from their origin along an axis another lamp may lie.
-        """
+        """The image of a die; another lamp may lie ``off_um`` from the lamps' origin along an axis."""
         step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
         shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
         half = off_um + _SPARE_PX * camera.pixel_um

@@ -251,11 +251,7 @@ class EdgeDesign:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredEdge:
-    """One measured edge, or a curve that was measured elsewhere.
-
-    Attributes:
-        colour: of the pixels that saw it; ``-`` where they have none, or nothing tells.
-    """
+    """One measured edge, or a curve from elsewhere; ``colour`` is ``-`` where its pixels have none, or none known."""
 
     edge: EdgeMtf | MtfCurve
     designed: tuple[DesignedMtf, ...]
@@ -443,11 +439,7 @@ def frame_edges(
     window_px: float = math.inf,
     designs: Mapping[Colour, EdgeDesign] | None = None,
 ) -> MeasuredEdges:
-    """Every edge of a frame, in each of its colours.
-
-    Args:
-        designs: for each colour of the frame, all of one die; None to hold nothing beside.
-    """
+    """Every edge of a frame in each of its colours, held beside ``designs``, all of one die, if given."""
     edges: list[MeasuredEdge] = []
     left_out: list[str] = []
     refused: list[SourceError] = []

@@ -203,11 +203,7 @@ class Fit:
 
 
 def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Progress = silent) -> Fit:
-    """The best setting that is downhill from a start; its terms are the start's.
-
-    Args:
-        start: with every term that is to be fit, 0 where nothing is known.
-    """
+    """The best setting that is downhill from a start, which has every term to be fit, 0 where nothing is known."""
     pictures = image.pictures(start)
     here, damping, since, slopes = judged(taken, pictures, start), _FIRST_DAMPING, math.inf, []
     for step in range(1, _MOST_STEPS + 1):

@@ -151,12 +151,7 @@ def expected_error(
     precision: Precision = "float32",
     device: str = "cpu",
 ) -> ExpectedError:
-    """The expected error of one layout behind the surrogate's camera.
-
-    Args:
-        estimate: of the scenes and the unit's dots.
-        orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
-    """
+    """The expected error of one layout, int8 [cells, cells] of the surrogate's lattice, elements of D4."""
     seen = estimate.lattice.camera
     # A window is no part of the transfer.
     camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)

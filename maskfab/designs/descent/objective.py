@@ -148,11 +148,7 @@ class _Autocorrelation(torch.autograd.Function):
 
 
 class Objective(ABC):
-    """A loss of one relaxed unit.
-
-    Attributes:
-        correlation: the pupil whose autocorrelation it reads; None if it reads the unit alone.
-    """
+    """A loss of one relaxed unit, of its pupil's ``correlation``; None for a loss that reads the unit alone."""
 
     correlation: Autocorrelation | None
 
@@ -326,11 +322,7 @@ DTYPES: dict[str, torch.dtype] = {"float32": torch.float32, "float64": torch.flo
 
 @dataclass(frozen=True, eq=False)
 class TiledStop:
-    """One layout of units behind one camera's stop.
-
-    Attributes:
-        correlation: of the pupil, one dot farther than the lag of half a cycle per pixel at any wavelength.
-    """
+    """One layout of units behind one camera's stop; correlation to a dot past the lag of half a cycle per pixel."""
 
     correlation: Autocorrelation
     camera: Camera

@@ -422,11 +422,7 @@ _CROPS, _SIDE = 20, 128
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """An objective with the schedule that belongs to it.
-
-    Attributes:
-        penalty: leads the open ratio; None leaves it alone.
-    """
+    """An objective with its schedule; ``penalty`` leads the open ratio, None leaves it alone."""
 
     name: str
     objective: Objective

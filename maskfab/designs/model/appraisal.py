@@ -108,9 +108,7 @@ def designed_panel(
 
 
 def cells_across(camera: Camera, scene: Scene, room: CellGrid) -> int:
-    """Cells along a panel that covers the stop from every place, with room for light that a gap spreads; even or odd as
-    those of ``room`` are.
-    """
+    """Cells along a panel that covers the stop from every place and a gap's spread; even or odd as ``room``'s are."""
     moved = max(shift_um(camera, scene.gap_um, (scene.widest_um, 0.0)))
     finest = room.dot_um / _SAMPLES
     spread = min(scene.gap_um, gap_guard_um(scene.gap_um, max(camera.wavelengths_nm), finest))
@@ -293,12 +291,7 @@ def transfers(die: DieTransfer, error: PupilError) -> Transfers:
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations over the panels that are made.
-
-    Attributes:
-        bias_um: of the width of clear features.
-        centre_um: of the stop's centre from the map's, along x and along y.
-    """
+    """Standard deviations over the panels made: width of clear features; the stop's centre from the map's, by axis."""
 
     bias_um: float = 0.0
     centre_um: float = 0.0

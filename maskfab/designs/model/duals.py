@@ -94,10 +94,7 @@ def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0
 
 
 def nodes_to(most: float, grey: float, count: int = _NODES) -> Floats:
-    """Values of A/S from 0 to the largest, closer where displays' lie, near a grey panel's.
-
-    The error of a chord goes with the square of the step.
-    """
+    """Values of A/S from 0 to the largest, closer near a grey panel's: a chord's error goes with the step squared."""
     return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, count - 1)])
 
 

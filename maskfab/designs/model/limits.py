@@ -80,11 +80,7 @@ class Rings:
 
 
 def rings(dots: int = 21, *, room: CellGrid | None = None) -> Rings:
-    """The rings of a camera at its shortest wavelength.
-
-    Args:
-        room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
-    """
+    """The rings of a camera at its shortest wavelength; of cells of 168 um behind protocol F1's without a ``room``."""
     room = room or lattice(dots)
     nm = room.camera.shortest_nm
     per_cycle = room.per_cycle(nm)

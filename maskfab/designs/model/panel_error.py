@@ -143,8 +143,7 @@ class PupilError(PanelError):
         return -10 * math.log10(error) + self.noise.added_db(level)
 
     def table(self, pupil: Mask | Floats) -> Singles:
-        """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach, in light without
-        a phase."""
+        """Autocorrelation of a pupil in dots, without a phase, at lags (y, x) of the upper half plane within reach."""
         # Pairs of clear dots are counted, so rounding makes single precision exact.
         return self.mean_table([pupil], [1.0]).round()
 
@@ -242,8 +241,7 @@ class PupilError(PanelError):
         return torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1)
 
     def _table(self, pupil: Mask | Floats) -> tuple[list[torch.Tensor], Singles]:
-        """Transforms of every so many dots of the pupil, for the slope, and its autocorrelation at lags (y, x) of the
-        upper half plane."""
+        """Transforms of every so many dots, for the slope; autocorrelation at lags (y, x) of the upper half plane."""
         size, reach = self.size, self.reach
         parts = torch.from_numpy(parted(pupil.astype(np.float32), self.stride))
         lines = (torch.fft.rfft(part, n=size, dim=1) for part in parts)

@@ -33,12 +33,7 @@ class Slope:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Loss of one pupil.
-
-    Attributes:
-        loss: minus the weighted mean over the levels of the expected restored PSNR, dB.
-        slope: finds its slopes; to be asked for once.
-    """
+    """Loss of one pupil, minus the mean expected restored PSNR, dB; its slopes are to be asked for once."""
 
     loss: float
     slope: Callable[[], Slope]
@@ -83,11 +78,7 @@ class PanelError(ABC):
 
     @abstractmethod
     def psnr(self, pupil: Floats) -> tuple[float, ...]:
-        """Expected restored PSNR in dB at each level, each with its best ε.
-
-        Args:
-            pupil: of :meth:`laid`, [side, side] of 0 and 1.
-        """
+        """Expected restored PSNR in dB at each level, each with its best ε; the pupil of 0 and 1 as of :meth:`laid`."""
 
     @abstractmethod
     def epsilons(self, pupil: Floats) -> tuple[float, ...]:

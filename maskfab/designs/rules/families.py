@@ -65,11 +65,7 @@ _SETS_OF_BLOBS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """An opening to try.
-
-    Attributes:
-        unit: bool [dots, dots], True is clear, row 0 the lowest.
-    """
+    """An opening to try: bool [dots, dots], True is clear, row 0 the lowest."""
 
     name: str
     unit: Mask
@@ -215,11 +211,7 @@ _NUMBERS = {
 
 
 def explained(dot_um: float, *names: str) -> str:
-    """Meaning of names of candidates, in one sentence; empty for names of no family.
-
-    Args:
-        dot_um: side of a dot, the unit of their numbers.
-    """
+    """Meaning of names of candidates, whose unit is a dot, in one sentence; empty for names of no family."""
     words = {word for name in names for word in name.replace(",", " ").split()}
     told = [f"{family}: {what}" for family, what in _NUMBERS.items() if family in words]
     told += ["annealed: then changed dot by dot"] if "annealed" in words and told else []

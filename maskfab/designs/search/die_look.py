@@ -17,11 +17,7 @@ PROBED = 12
 
 @dataclass(frozen=True, eq=False)
 class DieLook:
-    """The last check of a display, on a die.
-
-    Attributes:
-        pixel_s: seconds for each pixel of a die; 0 without a budget.
-    """
+    """The last check of a display, on a die; ``pixel_s`` seconds for each of its pixels, 0 without a budget."""
 
     display: Display
     clock: Clock

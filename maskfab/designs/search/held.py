@@ -103,12 +103,7 @@ def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]
 
 
 def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) -> Ints:
-    """Straight lines that pass beside openings along x and along y, the fewer of both; int64 [units].
-
-    Args:
-        units: bool [units, dots, dots], some of each clear.
-        turned: whether they must pass in all eight orientations.
-    """
+    """The fewer of straight lines that pass along x or y, int64 [units], in all eight orientations if ``turned``."""
     lane, dots = rules.line_nm + rules.space_nm, units.shape[1]
     seen = [np.asarray(units.any(axis=axis)) for axis in (1, 2)]
     if turned:
@@ -131,8 +126,7 @@ def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) 
 
 
 def kinds_of_panel(rules: Constraints, *, crooked: bool = True) -> Iterator[Constraints]:
-    """Rules whose display suits any map, and cells that are laid alike; then, unless that takes too long, any map with
-    crooked emitters."""
+    """Rules of displays that suit any map; of cells laid alike; then, if time allows, any map and crooked emitters."""
     display: Display = rules["emitters"]
     any_map, regular = (display.wired_as(wired) for wired in (Wired.ANY_MAP, Wired.REGULAR))
     yield rules.asking(**of_display(any_map))
@@ -173,11 +167,7 @@ def thinned(shapes: Sequence[Candidate], most: int = MOST_JUDGED) -> list[Candid
 
 
 def finer(shapes: Sequence[Candidate], judged: Sequence[Ranked], kinds: int = _KINDS) -> list[Candidate]:
-    """Shapes that were left out, near the best place of each of the best kinds that were judged.
-
-    Args:
-        judged: those that were left, the best first.
-    """
+    """Shapes left out, near the best place of each of the best kinds of those ``judged``, which are the best first."""
     best: dict[str, tuple[int, int]] = {}
     for one in judged:
         name = one.name.partition(" at ")[0]
@@ -224,12 +214,7 @@ def _varied(shapes: Iterable[Candidate]) -> Iterator[Candidate]:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where the search for a display begins.
-
-    Attributes:
-        rules: with the kind of panel, and the count, for which an opening was found.
-        shortfall: where it is of fewer dots than were asked for.
-    """
+    """Where the search for a display begins, and for which kind of panel; ``shortfall`` if of fewer dots than asked."""
 
     rules: Constraints
     families: tuple[str, ...]

@@ -25,12 +25,7 @@ _KERNELS, _STRIPS = 3, 40
 
 
 def mended(unit: Mask, constraints: Constraints) -> Mask | None:
-    """An opening that keeps the constraints and has many dots in common with this one; None if none is found.
-
-    Args:
-        unit: bool [dots, dots].
-        constraints: to be kept; their count need not be the unit's.
-    """
+    """An opening that keeps the constraints and has many dots in common with this unit; None if none is found."""
     # Of a symmetry, an orbit is clear where most of it is.
     even = unit.copy().ravel()
     for orbit in constraints.orbits:

@@ -140,11 +140,7 @@ class Designed:
 
 @dataclass(frozen=True, eq=False)
 class SceneDesign:
-    """A design in the conditions of its scene.
-
-    Attributes:
-        random: the same panel with its cells turned at random; None without a map of one opening.
-    """
+    """A design in its scene's conditions; ``random``: its cells turned at random, None without a map of one opening."""
 
     seen: SceneConditions
     panel: SceneAppraisal
@@ -267,12 +263,7 @@ class Alternatives:
 
 @dataclass(frozen=True)
 class Stages:
-    """Clocks of the stages of a design within its budget.
-
-    Attributes:
-        search: of scan, annealing, shortlist or descent.
-        bounded: whether there is time for bounds, appraisals and alternatives.
-    """
+    """Clocks of a design's stages in its budget; ``bounded`` if there is time for bounds, appraisals, alternatives."""
 
     search: Clock
     map: Clock
@@ -371,10 +362,7 @@ def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
 def camera_facts(
     camera: Camera | PhotoCamera, settings: CaptureSettings = F1_SETTINGS, seen: SceneConditions | None = None
 ) -> Facts:
-    """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
-
-    What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
-    """
+    """The camera that an opening was designed for, as provenance; nothing for protocol F1's: earlier bytes are kept."""
     line = camera_line(camera)
     scene: Facts = {} if seen is None else {"scene": seen.line}
     if not settings.is_f1:

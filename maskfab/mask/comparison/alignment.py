@@ -116,11 +116,7 @@ class Alignment:
 
 
 def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
-    """The alignment of a file; the simplest of the trials that differ least.
-
-    Args:
-        read: the file, one top cell; only the layer CLEAR of both counts.
-    """
+    """The simplest alignment, of those that differ least, of a file of one top cell; only CLEAR of both counts."""
     windows = [window for window in _windows(plate, design) if not window.clear.is_empty()]
     whole, file_box = (clear_box(layout) for layout in (design, read))
     if file_box.empty() or not windows:
@@ -258,8 +254,7 @@ def _differing(
 
 
 def _part_of_few(window: _Window, read: db.Layout, index: int, back: db.ICplxTrans) -> tuple[db.Box, db.Box]:
-    """The middle of a window as far as the file has few enough shapes in it, and where that lies in the file; empty
-    where it has far more."""
+    """The middle of a window with few enough shapes, and where it lies in the file; empty where there are far more."""
     box = window.box
     for _ in range(_MOST_HALVED + 1):
         place = box.transformed(back).enlarged(1, 1)
@@ -276,11 +271,7 @@ _NAMES = {um: unit for unit, um in UM_PER_UNIT.items() if unit.isascii()}
 def in_drawn_unit(
     plate: Plate, design: db.Layout, read: db.Layout, alignment: Alignment, again: Callable[[float], db.Layout]
 ) -> tuple[db.Layout, Alignment]:
-    """The file in the unit that it was drawn in, and how it then lies; as they are if that is the one it was read in.
-
-    Args:
-        again: reads the file with a stated unit in um.
-    """
+    """The file in the unit that it was drawn in, ``again`` (of a unit in um) if need be, and how it then lies."""
     unit_um = drawn_unit_um(read)
     if unit_um is None:
         return read, alignment
@@ -304,12 +295,7 @@ _UNTOLD = (
 
 @dataclass(frozen=True)
 class StatedLayers:
-    """Layers as stated by the job.
-
-    Attributes:
-        names: what its mask house calls them in DXF, by their names on the plate; empty if as there.
-        cut: whether the house takes holes on a layer of their own, as :data:`CUT` is.
-    """
+    """Layers as the job states them: their names at the house, and whether it takes holes as :data:`CUT`."""
 
     names: Mapping[str, str] = field(default_factory=dict)
     cut: bool = False

@@ -257,11 +257,7 @@ class Asked:
 
 @dataclass(frozen=True, eq=False)
 class Broken:
-    """Where one rule is broken.
-
-    Attributes:
-        boxes_nm: int64 [n, 4], all of them, or the first.
-    """
+    """Where one rule is broken: boxes int64 [n, 4], all of them, or the first."""
 
     count: int
     worst: float | None
@@ -303,11 +299,7 @@ def asked(plate: Plate, limits: LimitsSection, scale: float = 1.0) -> Asked:
 def rules_of_like(
     plate: Plate, design: db.Layout, laid: db.Layout, differing: db.Region, wanted: Asked
 ) -> Iterator[Quantity]:
-    """The rows of a file that is the design, or nearly.
-
-    Args:
-        differing: what only one of them makes clear, where rules are looked at.
-    """
+    """The rows of a file that is the design, or nearly; rules are looked at where only one of them is clear."""
     rules = wanted.rules
     in_design = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)

@@ -186,10 +186,7 @@ def _ahead(
     folder: Path,
     costs: Costs,
 ) -> Iterator[dict[str, Future[_Taken]]]:
-    """Start slow reads in background threads and in copies of this process; yields futures by file name.
-
-    Unstarted reads are cancelled on exit, and copies ended.
-    """
+    """Start slow reads in threads and in copies of this process, both ended on exit; yields futures by file name."""
     workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
     with ExitStack() as stack:
         # Copied before there are threads that read: what those hold would be held in the copy for ever.

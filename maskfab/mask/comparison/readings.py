@@ -49,11 +49,7 @@ class LayerReading:
 
 @dataclass(frozen=True)
 class Reading:
-    """A file by one reader.
-
-    Attributes:
-        refused: why it reads nothing, in words; empty if it does.
-    """
+    """A file by one reader; ``refused`` says why it reads nothing, empty if it does."""
 
     reader: str
     version: str
@@ -86,12 +82,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """A file by all its readers.
-
-    Attributes:
-        alike: whether all of them read it, and draw the same but for chords and rounding.
-        views: of layers, those first that readers draw otherwise.
-    """
+    """A file by all its readers: ``alike`` but for chords and rounding; views of layers, those that differ first."""
 
     readings: tuple[Reading, ...]
     alike: bool

@@ -124,12 +124,7 @@ _FEW_POLYGONS = 30_000
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a file departs from the plate.
-
-    Attributes:
-        owner: the die or mark that it belongs to or lies nearest to.
-        first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
-    """
+    """Where a file departs from the plate: nearest die or mark, and lower left corner of the first such polygon."""
 
     owner: str
     layer: Layer

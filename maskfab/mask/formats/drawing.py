@@ -15,11 +15,7 @@ _KEY = "maskfab_drawing"
 
 @dataclass(frozen=True)
 class ReadAs:
-    """Entities of one kind on one layer, each counted once however often its block is placed.
-
-    Attributes:
-        read_as: in words; "" for what is left out.
-    """
+    """Entities of one kind on one layer, each counted once however often placed; ``read_as`` "" if it is left out."""
 
     kind: str
     layer: str

@@ -121,12 +121,7 @@ class DrawingStyle:
 
 @dataclass(frozen=True)
 class FileSettings:
-    """Settings of the writers beyond the figures of a plate.
-
-    Attributes:
-        dpi: dots per inch of a plotter; None where no format needs them.
-        drawing: how DXF is drawn; its names of layers are those of OASIS too.
-    """
+    """Settings of the writers beyond a plate's figures: dots per inch if needed; names of DXF's layers also OASIS's."""
 
     stack: Stack = field(default_factory=Stack)
     stl_limit_bytes: int = 100_000_000
@@ -220,11 +215,7 @@ class Format:
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """One file of a result.
-
-    Attributes:
-        die: what it is about; None for the whole plate.
-    """
+    """One file of a result, about one die, or (None) the whole plate."""
 
     name: str
     form: Format

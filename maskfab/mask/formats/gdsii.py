@@ -57,11 +57,7 @@ _STRUCTURE = re.compile(rb"\x00\x1c\x05\x02.{24}[\x00-\x7f].\x06\x06", re.DOTALL
 
 
 def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES) -> None:
-    """Write a layout as GDSII, without time stamps, its cells in the order of their names.
-
-    Args:
-        max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
-    """
+    """Write GDSII without time stamps, cells in the order of names; klayout splits polygons over ``max_vertices``."""
     options = db.SaveLayoutOptions()
     options.format = "GDS2"
     options.gds2_write_timestamps = False

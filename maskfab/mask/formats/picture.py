@@ -216,11 +216,7 @@ _UM_PER_CM = 10_000.0
 
 @dataclass(frozen=True)
 class Bitmap:
-    """Facts of a written bitmap.
-
-    Attributes:
-        partly: pixels that are neither clear nor opaque all over; where there are none, the pixels are the mask.
-    """
+    """Facts of a written bitmap; ``partly`` pixels are neither clear nor opaque all over: with none it is the mask."""
 
     width: int
     height: int

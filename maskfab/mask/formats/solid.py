@@ -60,8 +60,7 @@ def openings_in_use(panel: Panel) -> tuple[int, ...]:
 
 
 def unit_names(panel: Panel) -> dict[int, str]:
-    """A name for every unit in use, no two alike, those of :func:`maskfab.mask.outlines.unit_name` where they
-    serve."""
+    """A name for every unit in use, no two alike, by :func:`maskfab.mask.outlines.unit_name` where it serves."""
     names: dict[int, str] = {}
     for cell in units_in_use(panel):
         name = "".join(unit_name(panel, cell))
@@ -159,12 +158,7 @@ _BAND_CORNERS = 4_000
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface, counter-clockwise triangles seen from outside.
-
-    Attributes:
-        vertices_nm: float64 [n, 3], no two alike.
-        triangles: int64 [m, 3].
-    """
+    """A closed surface: vertices float64 [n, 3], no two alike; triangles int64 [m, 3], outside counter-clockwise."""
 
     vertices_nm: Floats
     triangles: Ints

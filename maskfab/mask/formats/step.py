@@ -45,23 +45,14 @@ _BYTES_PER_SECOND = 1e5
 
 @dataclass(frozen=True)
 class Shade:
-    """A colour.
-
-    Attributes:
-        rgb: red, green and blue, 0 to 1.
-    """
+    """A colour: red, green and blue, 0 to 1."""
 
     rgb: tuple[float, float, float]
     transparency: float = 0.0
 
 
 def add_colours(path: Path, model: Any, shades: Mapping[str, Shade]) -> None:
-    """Give every solid the colour of its product.
-
-    Args:
-        path: a file that the library has written without colours, its entities numbered as the model's.
-        shades: by the product's name; others get none.
-    """
+    """Give every solid of a file that the library has written the colour of its product; others get none."""
     lines, number = [], model.NbEntities()
     for name, solids, context in _parts(model):
         if name not in shades:

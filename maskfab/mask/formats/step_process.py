@@ -69,12 +69,7 @@ class ReadSolid:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A part in its place.
-
-    Attributes:
-        part: number of the part in the order of the file.
-        matrix: float64 [4, 4], from the part to the root, in nanometres.
-    """
+    """A part in its place: its number in the file's order, float64 [4, 4] to the root in nanometres."""
 
     name: str
     part: int

@@ -72,11 +72,7 @@ def products(
     settings: FileSettings | None = None,
     stem: str | None = None,
 ) -> tuple[Product, ...]:
-    """The files of a plate, in the order of the formats; STEP has one for the plate and one for each die.
-
-    Args:
-        stem: how names of files begin; the plate's name by default.
-    """
+    """The files of a plate in the order of the formats, STEP also one for each die; ``stem`` for the plate's name."""
     films = SharedFilm(len({form.name for form in MESHES}.intersection(formats)))
     source, name = Source(figures, comments, settings or FileSettings(), films), stem or figures.plate.name
     files: list[Product] = []

@@ -48,11 +48,7 @@ TURN = "Save it with 0 for black (PhotometricInterpretation = 1) and without opa
 
 @dataclass(frozen=True)
 class Shown:
-    """A TIFF that all readers show alike.
-
-    Attributes:
-        turned: whether what it holds is the negative of what it says.
-    """
+    """A TIFF that all readers show alike; ``turned`` if what it holds is the negative of what it says."""
 
     path: Path
     turned: bool = False

@@ -236,12 +236,7 @@ def kept_grid_nm(plate: Plate, shop: Shop) -> int:
 
 @dataclass(frozen=True)
 class Blank:
-    """The blank as stated in a job.
-
-    Attributes:
-        chrome_nm: thickness of the chrome; None if it does not say.
-        glass_nm: thickness of the glass; None without a template.
-    """
+    """The blank as stated in a job; thickness of chrome and of glass, None where unsaid or without a template."""
 
     chrome_nm: float | None
     glass_nm: int | None

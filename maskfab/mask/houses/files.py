@@ -129,12 +129,7 @@ def plotted_dpi(section: ExportSection | None, shop: Shop | None) -> int | None:
 def dot_edges(
     plate: Plate, spec: JobSpec, shop: Shop | None, formats: Sequence[str], dpi: int | None
 ) -> DotEdges | None:
-    """Errors of the edges of a plate's bitmap; None if none is among the formats.
-
-    Args:
-        spec: of its job, whose [order] may state a tolerance of widths.
-        shop: the house, which may have published one.
-    """
+    """Errors of the edges of a plate's bitmap, by the house's and job's tolerances; None if no bitmap is made."""
     if dpi is None or not set(PLATE_BITMAPS) & set(formats):
         return None
     grid = DotGrid.of(plate, dpi)
@@ -222,11 +217,7 @@ def _even_dpi(places_nm: Ints, plate: Plate, dpi: int) -> int | None:
 def check_package(
     spec: JobSpec, plate: Plate, shop: Shop, formats: Sequence[ShopFormat] = (), facts: PlateFacts | None = None
 ) -> tuple[Finding, ...]:
-    """The house's rules, what its plotter does to the plate, and what it offers.
-
-    Args:
-        formats: of the mask files; the house's first if empty.
-    """
+    """The house's rules of the mask files (its first if empty), what its plotter does, and what it offers."""
     sent = tuple(formats) or shop.formats[:1]
     drawn = fitted(plate, shop, spec.tone)
     findings = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
@@ -347,11 +338,7 @@ def files_for_shop(
     file: Path | None = None,
     version: str = __version__,
 ) -> PlateFiles:
-    """Draw a plate that is :func:`maskfab.mask.houses.adaptation.fitted` as its house takes it.
-
-    Args:
-        file: the job was read from, for the judge.
-    """
+    """Draw a plate of :func:`maskfab.mask.houses.adaptation.fitted` as its house takes it; the judge reads ``file``."""
     dpi = plotted_dpi(spec.export, shop)
     check_stated(dpi, formats)
     settings = FileSettings(dpi=dpi, drawing=drawing_style(plate, shop))

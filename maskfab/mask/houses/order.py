@@ -38,12 +38,7 @@ _NO_WISH = "the house's standard"
 
 @dataclass(frozen=True)
 class Answer:
-    """One line of an order.
-
-    Attributes:
-        key: of [order], such as ``contact.name``.
-        text: the answer; :data:`BLANK` where nobody has given one.
-    """
+    """One line of an order: its key in [order], such as ``contact.name``, and its text, :data:`BLANK` if unanswered."""
 
     key: str
     label: str
@@ -370,12 +365,7 @@ _HINTS: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class Question:
-    """A line of an order that nobody has answered.
-
-    Attributes:
-        key: in [order], such as ``contact.name``.
-        choices: answers that there are; empty where any text or number may be.
-    """
+    """A line of an order that nobody has answered, its key such as ``contact.name``; choices, empty for any."""
 
     key: str
     label: str
@@ -388,11 +378,7 @@ class Question:
 
 @dataclass(frozen=True, eq=False)
 class OrderForm:
-    """An order as far as it is filled in for a house.
-
-    Attributes:
-        touches: places of the plate at which clear shapes meet by a corner only.
-    """
+    """An order as far as it is filled in for a house; ``touches``: clear shapes that meet by a corner only."""
 
     spec: JobSpec
     plate: Plate

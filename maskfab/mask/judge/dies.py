@@ -107,12 +107,7 @@ class Boundary:
         return Boundary(level, np.tile(self.change, len(places)), slanted.reshape(-1, 5))
 
     def seen(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Number of times that each place of a grid is covered, int32 [ny, nx]; no place lies on an edge.
-
-        Args:
-            x: columns, float64 [nx], ascending.
-            y: rows, float64 [ny], ascending.
-        """
+        """Times each place of a grid is covered, int32 [ny, nx], at ascending float64 x and y; none lies on an edge."""
         gains = np.zeros((len(y) + 1, len(x) + 1), dtype=np.int32)
         left, below = self.corners[: len(self.level)].T
         np.add.at(gains, (np.searchsorted(y, below), np.searchsorted(x, left)), self.change)
@@ -194,12 +189,7 @@ class Figures:
 
 
 def figures(layout: db.Layout, *layers: db.LayerInfo) -> Iterator[tuple[db.LayerInfo, Figures]]:
-    """Everything that a file draws on some layers: the polygons of each cell once, and the places of the cell.
-
-    Args:
-        layout: as it was read, with one top cell and a database unit of 1 nm; a layer is added for a while.
-        layers: their numbers and datatypes.
-    """
+    """Polygons of each cell once and its places, on layers (number, datatype) of a layout of 1 nm and one top cell."""
     top = layout.top_cell()
     there = [(layer, index) for layer in layers if (index := layout.find_layer(layer)) is not None]
     there = [(layer, index) for layer, index in there if not top.bbox(index).empty()]

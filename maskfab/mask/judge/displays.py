@@ -177,12 +177,7 @@ def display_rows(
     displays: Sequence[Display],
     shown: Iterable[tuple[db.LayerInfo, Figures]],
 ) -> Iterator[Quantity]:
-    """A row on the display of every die; what a file draws belongs to the die that it is nearest to.
-
-    Args:
-        read: the file, as :func:`maskfab.mask.judge.verdict.judged` takes it.
-        shown: its figures on the layers of displays.
-    """
+    """A row on the display of every die; what a file draws belongs to the die that it is nearest to."""
     drawn: list[dict[str, _Placed]] = [defaultdict(list) for _ in dies]
     names = {(layer.layer, layer.datatype): called for called, layer in LAYERS.items()}
     for layer, figure in shown:

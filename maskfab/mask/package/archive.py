@@ -98,12 +98,7 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Wrapping:
-    """Everything of a package but its files.
-
-    Attributes:
-        strange: each part that belongs to no file, in words.
-        strange_bytes: length of these parts.
-    """
+    """Everything of a package but its files: parts that belong to none, in words, and their length."""
 
     folder: str
     strange: tuple[str, ...]

@@ -498,10 +498,7 @@ class Bid:
 
 
 def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: Progress = silent) -> tuple[Bid, ...]:
-    """Judge a composed plate by the rules of several houses, and by the files that they would be sent.
-
-    Houses that are sent the same share it. Files are written into a folder that is deleted.
-    """
+    """Judge a composed plate by several houses' rules, and by their files (alike ones shared) in a passing folder."""
     bids, facts = [], PlateFacts()
     with tempfile.TemporaryDirectory(prefix="maskfab-compare-") as folder:
         files = _Files(spec, facts, Path(folder))

@@ -44,10 +44,7 @@ from maskfab.mask.plate_rules import Smallest, smallest_of_plate
 
 
 def printable(text: str) -> str:
-    """The text with a space for each character that a printer or a terminal would obey.
-
-    No font has them, XML forbids them, and drawings as PDF fail over them.
-    """
+    """The text with a space for every control character: no font has them, XML forbids them, PDFs fail over them."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
@@ -72,12 +69,7 @@ _styled = mpl.rc_context(
 
 @_styled
 def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str], reads_up: bool = True) -> bytes:
-    """The plate on a sheet of A3, equal plates in equal bytes.
-
-    Args:
-        plate: what is drawn; panels as boxes, marks as they are.
-        reads_up: whether the design reads right with the chrome up, and not through the glass.
-    """
+    """The plate on a sheet of A3, equal plates in equal bytes; ``reads_up`` if right with the chrome up."""
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
     _draw_plate(figure.add_axes((0.02, 0.03, 0.64, 0.94)), plate)
     _write(figure.add_axes((0.68, 0.14, 0.31, 0.83)), plate, notes)

@@ -40,11 +40,7 @@ _MOST_PRICES = 40
 
 @dataclass(frozen=True)
 class Stated:
-    """Design facts stated in the files of one die.
-
-    Attributes:
-        cells: provenance of the die's map; None if it has none.
-    """
+    """Design facts stated in the files of one die; ``cells`` is its map's provenance, None if it has none."""
 
     opening: Facts
     dot_um: float
@@ -131,11 +127,7 @@ class DesignPart(Part):
 
 
 def stated_design(said: Stated, levels_db: Sequence[float], restored: Restored | None = None) -> Document:
-    """One die's design; all PSNRs and their differences in dB.
-
-    Args:
-        restored: photographs behind the die; None if it is not known.
-    """
+    """One die's design, PSNRs and their differences in dB; ``restored`` behind the die, None if not known."""
     opening, cells = said.opening, said.cells or {}
     shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}
     photographed = restored is not None and bool(restored.scores)

@@ -281,12 +281,7 @@ def check_document(
     *,
     passed: bool,
 ) -> Document:
-    """Document that ``maskfab check --json`` prints.
-
-    Args:
-        gaps: the largest ones that displays bear, by die.
-        unused: what of the job the answer does not depend on.
-    """
+    """Document that ``maskfab check --json`` prints, largest gaps by die, and what of the job does not matter."""
     return CheckPart.document(
         job_hash=digest,
         verdict="pass" if passed else "fail",

@@ -444,11 +444,7 @@ _AGAIN = "Name the --out of a finished maskfab run, or its report.json; of anoth
 
 @dataclass(frozen=True)
 class FinishedReport:
-    """One report.
-
-    Attributes:
-        job: the resolved job beside it; None for a report that stands alone.
-    """
+    """One report, with the resolved job beside it; None for a report that stands alone."""
 
     name: str
     document: Mapping[str, Any]

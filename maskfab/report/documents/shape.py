@@ -73,8 +73,7 @@ class Part(BaseModel):
 
     @classmethod
     def document(cls, source: object = None, **stated: Any) -> Document:
-        """The properties in their order: those stated, and the attributes that a source has under their names; what may
-        be absent is, where it is None."""
+        """Properties in order: those stated, and a source's attributes by name; what may be absent is, where None."""
         values = {name: stated[name] if name in stated else getattr(source, name, None) for name in cls.model_fields}
         return {
             name: value

@@ -213,8 +213,7 @@ def spread(wanted: Sequence[float], apart: float, low: float, high: float) -> li
 
 @styled
 def plate_drawing(plate: Plate, failed: frozenset[str] = frozenset()) -> Drawing:
-    """The plate in millimetres: blank, writable area, dies by name, those that failed a check marked, and the marks
-    as the polygons they really are."""
+    """The plate in millimetres: blank, writable area, dies by name (marked if a check failed), marks as drawn."""
     figure, axes = _sheet(8.6, 8.6)
     _draw_plate(axes, plate, failed)
     return Drawing(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")

@@ -68,12 +68,7 @@ def pictures(
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """Figures of one die that are still to be drawn.
-
-    Attributes:
-        die: its name, or :data:`PLATE`.
-        function: of a module; finds ``<img>`` elements by the names of figures.
-    """
+    """Figures of one die, or :data:`PLATE`, still to be drawn by a module's function, as ``<img>`` by name."""
 
     die: str
     function: Callable[..., dict[str, str]]

@@ -348,11 +348,7 @@ def image_of(svg: str, words: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A figure and the words that say what it shows, to be looked at in a notebook or saved.
-
-    Attributes:
-        words: what it shows, in one line.
-    """
+    """A figure, and in one line of words what it shows, to be looked at in a notebook or saved."""
 
     figure: Figure
     words: str

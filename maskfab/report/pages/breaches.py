@@ -23,12 +23,7 @@ NOTHING = 1e-9
 
 @dataclass(frozen=True)
 class LimitLine:
-    """One number of a display beside the maker's own layout and its limit.
-
-    Attributes:
-        value, reference, limit: as they are told; "" for none.
-        passed: None where nothing is required.
-    """
+    """One number of a display beside the maker's layout and its limit, "" for none; None if none is required."""
 
     verdict: str
     name: str

@@ -317,12 +317,7 @@ def rules_part(
 
 
 def alternatives_part(near: Record | None, absent: str | None) -> Markup:
-    """Openings of nearly the PSNR of a chosen one.
-
-    Args:
-        near: as :func:`maskfab.report.pages.design.alternatives_document` tells them.
-        absent: why there are none.
-    """
+    """Openings of nearly the PSNR of a chosen one, as told by :func:`alternatives_document`, or why none."""
     if near is None:
         return Markup(_macros().alternatives(None, absent))
     shown = {

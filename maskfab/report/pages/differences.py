@@ -41,12 +41,7 @@ _NOISY = re.compile(r" (design_\d+|front)$")
 
 
 def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    """Differences between two pages: :data:`TEXT`, the names of pictures, as ``die figure``, or :data:`NOISE`.
-
-    Args:
-        now: the page made again.
-        pictures: those that ``now`` was made with.
-    """
+    """Differences between two pages: :data:`TEXT`, the names of pictures as ``die figure``, or :data:`NOISE`."""
     if _PICTURE.split(then) != _PICTURE.split(now):
         yield TEXT
     names = {drawn: f"{place} {name}" for place, images in pictures.items() for name, drawn in images.items()}

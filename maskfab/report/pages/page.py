@@ -164,8 +164,7 @@ def eye_mm(die: Record) -> float | None:
 
 
 def key_rows(die: Record, middle_nm: float, level_db: float | None) -> list[Record]:
-    """Numbers of a die that its page has: those that decide, at the middle wavelength and the light of the front, and
-    every one that failed."""
+    """Numbers of a die's page: deciding ones at the middle wavelength and the front's light, and all that failed."""
 
     def rank(row: Record) -> int:
         name = WORST if row["name"].startswith(WORST) else row["name"]

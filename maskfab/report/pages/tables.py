@@ -44,11 +44,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table.
-
-    Attributes:
-        cells: one for each column, None where there is no such number.
-    """
+    """One line of a table: a cell for each column, None where there is no such number."""
 
     name: str
     cells: tuple[Any, ...]
@@ -58,12 +54,7 @@ class Line:
 
 @dataclass(frozen=True)
 class DieLine(Line):
-    """One die beside others.
-
-    Attributes:
-        psnr: mean of its restored photographs, dB.
-        display: verdict; None where no display was asked for.
-    """
+    """One die beside others: mean PSNR of restored photographs, dB; display verdict, None if none was asked for."""
 
     psnr: Cell = Cell("–")
     gain: Cell = Cell("–")
@@ -75,12 +66,7 @@ AnyLine = TypeVar("AnyLine", bound=Line)
 
 @dataclass(frozen=True)
 class Table(Generic[AnyLine]):
-    """Lines under headings.
-
-    Attributes:
-        level_db: light of the photographs; None without any, or where columns tell it.
-        reference: die that gains are over; None if there is none.
-    """
+    """Lines under headings; light of photographs or None; die that gains are over, if any."""
 
     columns: tuple[Any, ...]
     lines: tuple[AnyLine, ...]
@@ -159,8 +145,7 @@ def band_of(die: Record, row: Record) -> Record | None:
 
 
 def edges(band: Record | None, scale: float = 1.0, decimals: int = 3, *, sign: bool = False) -> str:
-    """From edge to edge, to as many decimals as the number has, or more where these would not show the band; nothing
-    without one."""
+    """From edge to edge, to the number's decimals or more if these hid the band; nothing without a band."""
     if band is None:
         return ""
     low, high = (scale * edge for edge in band["between"])

@@ -114,11 +114,7 @@ ROW_FILTERS: Mapping[str, Callable[..., Any]] = MappingProxyType(
 
 
 def references(listed: Methods, page: str = "") -> Callable[[Iterable[Record | None]], Markup]:
-    """Writes the keys of the methods of some rows, each a link into the list of methods.
-
-    Args:
-        page: that has the list; "" for the same one.
-    """
+    """Writes the keys of the methods of some rows, each a link into the list of methods on ``page`` ("": this one)."""
 
     def keys(rows: Iterable[Record | None]) -> Markup:
         own = dict.fromkeys(key for row in rows if row is not None and (key := listed.of(row)[0]))

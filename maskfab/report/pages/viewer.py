@@ -213,10 +213,7 @@ _INERT = ("data:image/svg+xml,", "data:image/png;base64,", "data:image/webp;base
 
 
 def psf_pictures(page: str) -> dict[str, tuple[str, str]]:
-    """Address and words of the first PSF of every die's section, by the die's name.
-
-    Only pictures that lie in the page itself are taken.
-    """
+    """Address and words of the first PSF of every die's section, by the die's name, if it lies in the page itself."""
     reader = _Reader()
     reader.feed(page)
     return reader.found
