@@ -321,7 +321,8 @@ def _curve(most: int, light: float, bits: int) -> NDArray[np.unsignedinteger[Any
 
 @lru_cache(maxsize=1)
 def light_of(path: Path, white: float | None) -> NDArray[np.float16]:
-    """Linear light [3, rows, columns], white 1, of the photograph last looked at; errors of a scene but its size."""
+    """Linear light of the photograph that was looked at last, [3, rows, columns], white is 1; errors as of a scene's,
+    but for its size."""
     picture = read_picture(path)
     colours = checked_pixels(path, picture, white)
     if not (most := float(colours.max()) / (white or 1.0)) <= _MOST_LIGHT:

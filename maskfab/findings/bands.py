@@ -283,7 +283,8 @@ def band_quantities(
 def bands(
     written: Written, camera: Camera, spread: ProcessSpread, frequencies: Sequence[float] = (), where: str = ""
 ) -> tuple[Band, ...]:
-    """The bands of a written die's numbers, the PSF's shape last, kissing corners fused; arguments, errors as above."""
+    """The bands of a written die's numbers, that of the PSF's shape last, for kissing corners fused; arguments and
+    errors as above."""
     if not spread:
         return ()
     process, nominal = written.process, written.readings[Reading.FUSED]

@@ -16,7 +16,6 @@ from dataclasses import fields
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
@@ -34,27 +33,14 @@ if TYPE_CHECKING:
 
 Place: TypeAlias = tuple[int | str, ...]
 
-_MEANT_TYPE: Mapping[str, str] = MappingProxyType(
-    {
-        "bool_type": "true or false is meant",
-        "dataclass_exact_type": "a table is meant",
-        "dataclass_type": "a table is meant",
-        "date_type": "a date is meant",
-        "dict_type": "a table is meant",
-        "float_type": "a number is meant",
-        "int_type": "a whole number is meant",
-        "model_type": "a table is meant",
-        "string_type": "text is meant",
-        "tuple_type": "a list is meant",
-    }
-)
-"""Faults of the type of a value, by pydantic's names of them, in words of a job file."""
-
 _UNKNOWN = frozenset({"extra_forbidden", "unexpected_keyword_argument"})
 _OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
 _MISSING = frozenset({"missing", "missing_argument"})
 
-MEANT: Mapping[str, list[str]] = json.loads(Path(__file__).with_name("meant.json").read_text(encoding="utf-8"))
+_MEANT = json.loads(Path(__file__).with_name("meant.json").read_text(encoding="utf-8"))
+_TYPES: Mapping[str, str] = _MEANT["types"]
+"""Faults of the type of a value, by pydantic's names of them, in words of a job file."""
+_KEYS: Mapping[str, list[str]] = _MEANT["keys"]
 """Keys, and what others call them; a key is meant only in a table that has it."""
 
 
@@ -222,7 +208,7 @@ def _meant_of(one: ErrorDetails) -> str:
         limit = limits.get("min_length", limits.get("max_length"))
         how = "at least" if "min_length" in limits else "at most"
         return f"{how} {limit} item{'' if limit == 1 else 's'} must be there, not {limits['actual_length']}"
-    return _MEANT_TYPE.get(one["type"], f"{one['msg'][0].lower()}{one['msg'][1:]}")
+    return _TYPES.get(one["type"], f"{one['msg'][0].lower()}{one['msg'][1:]}")
 
 
 def _addition(place: Place) -> str:
@@ -301,7 +287,7 @@ def _meant(kind: type[AnySection], values: object, place: Place) -> Place | None
         return None
     held = _value(values, place[:-1])
     free = [name for name in table.model_fields if not (isinstance(held, Mapping) and name in held)]
-    named = [name for name in free if key in MEANT.get(name, ())]
+    named = [name for name in free if key in _KEYS.get(name, ())]
     near = get_close_matches(key, free, n=1, cutoff=0.75)
     chosen = (near if near and near[0].replace("_", "") == key.replace("_", "") else named) or near
     return (*place[:-1], chosen[0]) if chosen else None

@@ -92,7 +92,8 @@ def _unused(section: AnySection, path: str, used: frozenset[str]) -> Iterator[st
                 yield from _unused(table, here, used)
 
 
-FORMS: Mapping[str, str] = json.loads(Path(__file__).with_name("forms.json").read_text(encoding="utf-8"))
+_FORMS = json.loads(Path(__file__).with_name("forms.json").read_text(encoding="utf-8"))
+FORMS: Mapping[str, str] = {**_FORMS["texts"], **_FORMS["others"]}
 """Forms of values by the names of their types, where those say more than the plain type does."""
 _PLAIN: Mapping[str, str] = MappingProxyType(
     {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
@@ -268,23 +269,6 @@ def _default(model: type[AnySection], name: str) -> str | None:
     return "" if value is None or value == {} else json.dumps(value)
 
 
-_TEXTS = frozenset(
-    {
-        "LengthOrZero",
-        "SignedLength",
-        "PlateLength",
-        "LookedFrom",
-        "Length",
-        "Pitch",
-        "Area",
-        "Time",
-        "Distance",
-        "Name",
-        "Line",
-    }
-)
-
-
 def job_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12)."""
     stated = JobSpec.model_json_schema()
@@ -310,4 +294,4 @@ def _as_written(kind: type[AnySection], key: str, rules: dict[str, Any]) -> dict
     stated = {"description": meaning if form is None else f"{meaning} Form: {FORMS[form]}."}
     if form is None:
         return {name: rule for name, rule in rules.items() if name != "title"} | stated
-    return stated | ({"type": "string"} if form in _TEXTS else {})
+    return stated | ({"type": "string"} if form in _FORMS["texts"] else {})

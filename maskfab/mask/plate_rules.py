@@ -3,9 +3,10 @@ features by which a house judges and prices it; and a marker file (.lyrdb) that 
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -257,24 +258,7 @@ def _width_text(width_um: float) -> str:
     return f"{width_um:.6g} um" if math.isfinite(width_um) else f"wider than {_LAST_NM / NM_PER_UM:g} um"
 
 
-_DESCRIPTIONS = {
-    "width": "clear polygons narrower than {limit} {unit}",
-    "space": "clear edges closer than {limit} {unit}",
-    "notch": "edges of one clear polygon closer than {limit} {unit}",
-    "area": "clear polygons of less than {limit} {unit}",
-    "chrome_area": "islands of chrome of less than {limit} {unit}",
-    "corner_touch": "corners that kiss",
-    "grid": "vertices off the grid of {limit} {unit}",
-    "manhattan": "edges that run along neither axis",
-    "acute_angle": "corners sharper than {limit} {unit}",
-    "overlap": "areas drawn more than once",
-    "vertices": "polygons of more than {limit} vertices",
-    "references": "more than {limit} references",
-    "name_pattern": "cell names that do not match {limit}",
-    "forbidden_name": "cell names that contain {limit}",
-    "name_length": "cell names of more than {limit} characters",
-    "extent": "shapes outside {limit} {unit} about the origin",
-}
+_DESCRIPTIONS: Mapping[str, str] = json.loads(Path(__file__).with_name("rules.json").read_text(encoding="utf-8"))
 
 
 def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> None:

@@ -39,7 +39,10 @@ _SHORTEST, _LONGEST = 1e-7, 1e5
 
 
 def check_stack(frames: Sequence[Frame]) -> None:
-    """Refuse frames that cannot be merged: several need times that differ, one needs none."""
+    """Refuse frames that cannot be merged.
+
+    One frame needs no time; several need times that differ.
+    """
     if not frames:
         raise SourceError("MF334", "there are no frames", cure="Give one or more")
     same_sensor(frames)

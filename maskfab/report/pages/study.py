@@ -203,25 +203,16 @@ def photograph_tiles(study: Study) -> list[tuple[Take | None, str]]:
     return tiles
 
 
-_UNITS: Mapping[str, tuple[str, int]] = {
-    "psnr": ("dB", 2),
-    "psnr_inner": ("dB", 2),
-    "ssim": ("", 3),
-    "delta_e": ("", 2),
-    "auc_radial_min": ("", 4),
-    "open_ratio": ("", 4),
-    "psf_difference": ("", 3),
+_MEASURES: Mapping[str, tuple[str, str, int]] = {
+    "psnr": ("PSNR", "dB", 2),
+    "psnr_inner": ("PSNR of the inner frame", "dB", 2),
+    "ssim": ("SSIM", "", 3),
+    "delta_e": ("S-CIELAB", "", 2),
+    "auc_radial_min": ("area under the radial-minimum MTF", "", 4),
+    "open_ratio": ("open ratio", "", 4),
+    "psf_difference": ("relative difference of the PSFs", "", 3),
 }
-"""Unit and decimals of a claim's number."""
-MEASURES: Mapping[str, str] = {
-    "psnr": "PSNR",
-    "psnr_inner": "PSNR of the inner frame",
-    "ssim": "SSIM",
-    "delta_e": "S-CIELAB",
-    "auc_radial_min": "area under the radial-minimum MTF",
-    "open_ratio": "open ratio",
-    "psf_difference": "relative difference of the PSFs",
-}
+"""Name of a claim's number in words, its unit and decimals."""
 
 
 def study_page(study: Study) -> str:
@@ -229,7 +220,7 @@ def study_page(study: Study) -> str:
     plan = study.plan
     drawn = {name: Markup(drawing.img()) for name, drawing in _drawings(study).items()}
     tiles = optics_tiles(study) if study.optics else {}
-    return page_template("study.html.j2", short=short, minus=_MINUS, measure=MEASURES.__getitem__).render(
+    return page_template("study.html.j2", short=short, minus=_MINUS, measure=lambda name: _MEASURES[name][0]).render(
         style=style(),
         study=plan.study,
         job=plan.job,
@@ -270,7 +261,7 @@ def blocks(study: Study) -> list[tuple[Setting, Table[Line]]]:
 def limits_text(claim: Claim) -> str:
     """The limits of a claim, in words."""
     stated = claim.stated
-    unit, _ = _UNITS[stated.measure]
+    _, unit, _ = _MEASURES[stated.measure]
     low, high = (
         None if bound is None else f"{short(float(bound))} {unit}".rstrip()
         for bound in (stated.at_least, stated.at_most)
@@ -282,7 +273,7 @@ def limits_text(claim: Claim) -> str:
 
 def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
     """The thing measured, its value with its interval, and of how many photographs."""
-    unit, digits = _UNITS[claim.stated.measure]
+    _, unit, digits = _MEASURES[claim.stated.measure]
     of, over, difference = finding.of, finding.over, finding.difference
     said = [of.die]
     if of.protocol:
