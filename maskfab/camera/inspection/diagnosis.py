@@ -315,39 +315,35 @@ def _of_pixels(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterato
 
 def _few(readings: _Readings, taken: Sequence[Taken], fit: Fit) -> Iterator[Suspect]:
     """Few pixels that stand out: too bright, nearly dark, or shaded together."""
-    size = sum(capture.light.size for capture in taken)
-    rate = _by_pixel(readings, readings.flat(readings.per_light), size)
-    shaded = _by_pixel(readings, readings.light, size)
-    limit = math.sqrt(2 * math.log(size)) + 1
+    every = sum(capture.light.size for capture in taken)
+    bright, _ = _by_pixel(readings, readings.flat(readings.per_light), every)
+    dark, strength = _by_pixel(readings, readings.light, every)
+    limit = math.sqrt(2 * math.log(every)) + 1
     gains = dict.fromkeys((Cause.HOT, Cause.DEAD, Cause.DUST), 0.0)
-    found: dict[Cause, list[float]] = {cause: [] for cause in gains}
+    pixels = dict.fromkeys(gains, 0)
     first = 0
     for capture, predicted in zip(taken, fit.predicted, strict=True):
         part = slice(first, first + capture.light.size)
-        first += capture.light.size
-        (bright, above), (dark, below) = (
-            tuple(values[part].reshape(capture.light.shape) for values in each) for each in (rate, shaded)
-        )
+        first = part.stop
+        above, below, shade = (each[part].reshape(capture.light.shape) for each in (bright, -dark, strength))
         beside = predicted < CORE * predicted.max()
-        for mask, up in ((bright > limit, True), (dark < -limit, False)):
-            labels, count = ndimage.label(mask & beside)
-            sizes = np.bincount(labels.ravel())
+        for cause, off in ((Cause.HOT, above), (Cause.DUST, below)):
+            labels, count = ndimage.label((off > limit) & beside)
             for number in range(1, count + 1):
                 spot = labels == number
-                growth = float(np.sum((bright if up else dark)[spot] ** 2 - limit**2))
-                cause = Cause.HOT if up else Cause.DUST
-                if not up and sizes[number] <= _ALONE_PIXELS and float(below[spot].mean()) < -NEARLY_DARK:
-                    cause = Cause.DEAD
-                if up and sizes[number] > _ALONE_PIXELS:
+                size = int(np.count_nonzero(spot))
+                if size > _ALONE_PIXELS and cause is Cause.HOT:
                     continue
-                gains[cause] += growth
-                found[cause] += (above if up else -below)[spot].tolist()
-    for cause, values in found.items():
-        if values:
+                dead = cause is Cause.DUST and size <= _ALONE_PIXELS and float(shade[spot].mean()) < -NEARLY_DARK
+                kind = Cause.DEAD if dead else cause
+                gains[kind] += float(np.sum(off[spot] ** 2 - limit**2))
+                pixels[kind] += size
+    for cause, size in pixels.items():
+        if size:
             # Of a picture that is wrong, bright and dark spots come together.
             against = gains[Cause.HOT] if cause is not Cause.HOT else gains[Cause.DUST] + gains[Cause.DEAD]
             gain = gains[cause] - against
-            yield Suspect(cause, float(len(values)), 0.0, gain, readings.share(gain))
+            yield Suspect(cause, float(size), 0.0, gain, readings.share(gain))
 
 
 def _by_pixel(readings: _Readings, effect: Floats, size: int) -> tuple[Floats, Floats]:

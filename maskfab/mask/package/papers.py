@@ -15,7 +15,7 @@ import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import matplotlib as mpl
 import numpy as np
@@ -182,19 +182,11 @@ _DATA, _MADE, _BUSINESS, _BUYER, _ASKED = "Data", "Plate", "Order", "Ordered by"
 _HEADING_F, _SIDES = "The letter F on the plate", ("seen on the chrome side", "seen through the glass")
 _F = ("#####", "#    ", "###  ", "#    ", "#    ")
 _LABELS: Mapping[OrderField, str] = {
-    "mask_name": "mask name",
-    "tone": "tone",
-    "parity": "parity",
     "min_cd_and_location": "smallest feature, and CD measured",
-    "grid": "grid",
-    "blank": "blank",
     "centred": "position",
-    "units": "units",
-    "design_layers": "design layers",
-    "display_work": "display work",
-    "comments": "comments",
 }
-_ALWAYS = tuple(_LABELS)
+"""Fields whose labels are not their names."""
+_ALWAYS: tuple[OrderField, ...] = get_args(OrderField)
 """Fields that every writer must know, whether its form asks for them or not."""
 
 
@@ -304,7 +296,7 @@ def order_sheet(
     groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (_DATA, _MADE, _BUSINESS, _BUYER)}
     smallest = smallest_of_plate(figures.plate)
     answers["min_cd_and_location"] = _smallest(figures.plate, smallest)
-    groups[_DATA] = [(_LABELS[field], answers[field]) for field in fields]
+    groups[_DATA] = [(_LABELS.get(field, field.replace("_", " ")), answers[field]) for field in fields]
     groups[_DATA] += [(f"smallest, {kind.of}", str(kind)) for kind in smallest]
     if edges is not None:
         dots = f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"

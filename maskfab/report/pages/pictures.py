@@ -34,16 +34,9 @@ from maskfab.report.figures import die, scene
 from maskfab.report.figures.sheet import INK, QUIET, bitmap, place, styled
 
 _TITLES: Mapping[str, str] = MappingProxyType(
-    {
-        "flat": "even grey, contrast × 10",
-        "edge": "edge",
-        "zone_plate": "zone plate",
-        "text": "text",
-        "leaves": "leaves",
-        "picture": "picture",
-        "border": "even grey in the\nregular display, × 10",
-    }
+    {FLAT: "even grey, contrast × 10", BORDER: "even grey in the\nregular display, × 10"}
 )
+"""Pictures whose titles are not their names."""
 _CELL, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 2.05, 0.14, 0.36, 0.5, 0.6, 0.42
 _CLOSE_UP_PIXELS, _LEAST_PIXELS = 6, 1.5  # of the finest and of the coarsest panel
 _CLOSE_UP_SAMPLES = 42
@@ -97,7 +90,7 @@ def comparison(panels: Sequence[SeenPanel]) -> bytes:
             view, window = judged.views[name], windows[name]
             _seen(axes, judged, view, window, name, perfect=column == 0)
             if column == 0:
-                _label(axes, _TITLES[name])
+                _label(axes, _TITLES.get(name, name.replace("_", " ")))
                 _scale_bar(axes, window)
             else:
                 if name == FLAT:
