@@ -475,20 +475,22 @@ def put_back(target: Path) -> None:
                 return
 
 
-def check_file(target: Path, *, force: bool) -> None:
-    """Refuse to write a file over another, or where nothing can be written (MF401, MF402)."""
+def check_file(target: Path, *, force: bool, option: str = "--out") -> None:
+    """Refuse to write a file that an option names over another, or where nothing can be written (MF401, MF402)."""
     with writing(target):
         if target.is_dir():
-            raise OutputError("MF401", f"{target} is a directory", cure="Give --out the path of a file")
+            raise OutputError("MF401", f"{target} is a directory", cure=f"Give {option} the path of a file")
         if target.exists() and not target.is_file():
             what = f"{target} is a device, which no file can replace"
-            raise OutputError("MF401", what, cure="Give --out the path of an ordinary file")
+            raise OutputError("MF401", what, cure=f"Give {option} the path of an ordinary file")
         if target.exists() and not force:
-            raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
+            raise OutputError(
+                "MF402", f"{target} exists", cure=f"Add --force to replace it, or choose another {option}"
+            )
         path = Path(os.path.realpath(target))
         if path.is_symlink():
             what = f"{target} is a link that leads nowhere"
-            raise OutputError("MF401", what, cure="Remove that link, or give --out another path")
+            raise OutputError("MF401", what, cure=f"Remove that link, or give {option} another path")
         parent = path.parent
         if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
             raise OutputError(

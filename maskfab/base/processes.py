@@ -245,7 +245,7 @@ class SerialExecutor(AbstractContextManager["SerialExecutor"]):
             Exception: that of the first that fails, in their order.
         """
         shared: list[Task[Found]] = []
-        after = Timer(WORTH_SHARING_S / max(1, len(calls) - 1), lambda: shared.extend(map(self.submit, calls[1:])))
+        after = Timer(WORTH_SHARING_S / max(1, len(calls) - 1), lambda: shared.extend([*map(self.submit, calls[1:])]))
         after.daemon = True
         after.start()
         try:

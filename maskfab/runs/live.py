@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -16,6 +17,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
+from maskfab.base.errors import OutputError
 from maskfab.base.folders import PAGE, check_file, write_text
 from maskfab.base.model import Die, DieOptics
 from maskfab.base.resources import template
@@ -26,14 +28,26 @@ from maskfab.optics.metrics import auc_radial_min
 
 
 class Live:
-    """A progress also told of dies, each line 0 of 0 steps, and its page, None for none."""
+    """A progress that is also told of dies.
 
-    def __init__(self, progress: Progress, page: Path | None = None, *, force: bool = False) -> None:
+    Args:
+        progress: told where the work stands, and a line for each die, of 0 steps out of 0.
+        out: the run's directory, which appears when all of it is complete: the page lies elsewhere.
+        page: written anew whenever something is known; None for none.
+    """
+
+    def __init__(self, progress: Progress, out: Path, page: Path | None = None, *, force: bool = False) -> None:
         """Raises OutputError MF401, MF402 for a page that cannot be written."""
         self._of_die: Any = None
         self._of_scene: Any = None
         if page is not None:
-            check_file(page, force=force)
+            if page.suffix.lower() not in (".html", ".htm"):
+                what, cure = f"{page} is no page", "Give --live a path that ends in .html"
+                raise OutputError("MF401", what, where="--live", cure=cure)
+            if Path(os.path.realpath(out)) in Path(os.path.realpath(page)).parents:
+                what = f"{page} lies in the run's directory, which appears when all of it is complete"
+                raise OutputError("MF401", what, where="--live", cure="Give --live a path beside the directory")
+            check_file(page, force=force, option="--live")
             from maskfab.report.figures import die, scene  # slow to load
 
             self._of_die, self._of_scene = die, scene
@@ -48,7 +62,7 @@ class Live:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if error is not None:
-            self._end = f"Stopped: {error or type(error).__name__}"
+            self._end = f"Stopped: {str(error) or 'from outside'}"
             self._write()
 
     def __call__(self, stage: str, done: int, total: int) -> None:
@@ -110,7 +124,8 @@ class Live:
             return
         from maskfab.report.pages.template import page_environment, style  # slow to load
 
-        with self._lock:
+        # Whoever moves the folder of the page does not end the run with it.
+        with self._lock, suppress(OutputError, OSError):
             page = page_environment().from_string(template("live.html.j2"))
             dies = {name: (said, [Markup(picture) for picture in seen]) for name, (said, seen) in self._dies.items()}
             write_text(self._page, page.render(style=style(), stage=self._stage, end=self._end, dies=dies))

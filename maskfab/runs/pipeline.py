@@ -79,7 +79,7 @@ def run(
     job = job if isinstance(job, Job) else load_job(job, plate_to_make)
     place = check_target(Path(out), force=force)
     measured = measured_beside(job)
-    with Live(progress, live, force=force) as told:
+    with Live(progress, place.path, live, force=force) as told:
         aside = staged(place)
         if pdf:
             aside = _then_print(aside, browser(), told)

@@ -79,6 +79,23 @@ def test_what_is_alike_is_shared_where_the_first_takes_long(pair, monkeypatch):
         assert len(shared) == ended
 
 
+def test_what_is_alike_is_shared_as_a_whole_or_not_at_all(pair, monkeypatch):
+    given_once, taken = iter([None, OSError("the second is not taken")]), []
+
+    def submit(call: Call[Any]) -> Task[Any]:
+        if (refused := next(given_once, None)) is not None:
+            raise refused
+        taken.append(call)
+        return Task(call, ALONE)
+
+    monkeypatch.setattr("threading.excepthook", lambda _: None)
+    monkeypatch.setattr("maskfab.base.processes.WORTH_SHARING_S", 0.1)
+    monkeypatch.setattr(pair, "submit", submit)
+    monkeypatch.setattr(pair, "finish", ALONE.finish)
+    assert pair.run_alike([Call(after, given(0.05, number)) for number in range(4)]) == [0, 1, 2, 3]
+    assert len(taken) == 4
+
+
 def test_a_result_can_be_asked_for_again_and_is_not_made_again(pair):
     for executor in (pair, SerialExecutor()):
         task = executor.submit(Call(read_only, given({"number": 1})))

@@ -136,6 +136,7 @@ def test_a_damaged_file_keeps_nothing(tmp_path):
         "none": b"",
         "other": b"{}",
         "changed": whole[:90] + b"\0" + whole[91:],
+        "packed otherwise": whole[: whole.index(b"PK\1\2") + 10] + b"\7" + whole[whole.index(b"PK\1\2") + 11 :],
     }.items():
         (tmp_path / name).write_bytes(content)
         assert shipped(tmp_path / name) == KeptLayouts()

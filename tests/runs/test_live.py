@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import shutil
 
 import pytest
 from small_job import write_job
 
 from maskfab.base.errors import OutputError
+from maskfab.base.work import silent
 from maskfab.runs import pipeline
+from maskfab.runs.live import Live
 
 pytestmark = pytest.mark.usefixtures("read_here")
 ONE_FILE = ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')
@@ -59,3 +62,36 @@ def test_a_page_that_is_there_is_replaced_by_force_alone(tmp_path):
         pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", live=page)
     assert page.read_text() == "mine"
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("out/live.html", "lies in the run's directory"), ("out/report.html", "lies in the run"), ("job.toml", "no page")],
+)
+def test_a_page_is_refused_where_it_spoils_a_run(tmp_path, name, said):
+    job, page = write_job(tmp_path, ONE_FILE), tmp_path / name
+    pipeline.run(job, tmp_path / "out")
+    before = page.read_bytes() if page.exists() else None
+    with pytest.raises(OutputError, match=said) as caught:
+        pipeline.run(job, tmp_path / "out", force=True, live=page)
+    assert caught.value.code == "MF401"
+    assert "--live" in str(caught.value)
+    assert (page.read_bytes() if page.exists() else None) == before
+
+
+def test_a_page_that_cannot_be_written_on_ends_no_run(tmp_path):
+    (tmp_path / "pages").mkdir()
+
+    def progress(stage: str, done: int, total: int) -> None:
+        if stage == "write files":
+            shutil.rmtree(tmp_path / "pages", ignore_errors=True)
+
+    pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", progress=progress, live=tmp_path / "pages/live.html")
+    assert (tmp_path / "out/report.html").exists()
+
+
+def test_a_run_that_is_ended_says_so(tmp_path):
+    page = tmp_path / "live.html"
+    with pytest.raises(KeyboardInterrupt), Live(silent, tmp_path / "out", page):
+        raise KeyboardInterrupt
+    assert "Stopped: from outside." in page.read_text()
