@@ -212,7 +212,7 @@ def _cut(scene: Singles) -> Singles:
 
 
 def _scattered(blur: Blur, values: Floats, seen: Seen) -> float:
-    """Factor by which gains of records scatter more than a Gaussian scene's, of drawn ones with such a spectrum."""
+    """Factor by which gains scatter more than a Gaussian scene's, of drawn scenes with a spectrum's [3, values]."""
     side, draw, plane = 2 * _DRAWN_PX, np.random.default_rng(0), plane_of(_DRAWN_PX)
     shape = Shape.of(blur, plane)
     y, x = np.broadcast_arrays(scipy.fft.fftfreq(side)[:, None], scipy.fft.rfftfreq(side)[None])

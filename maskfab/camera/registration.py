@@ -372,7 +372,12 @@ class RegisteredPhoto:
 def brought(
     names: tuple[str, str], first: Singles, first_full: Mask, second: Singles, second_full: Mask
 ) -> RegisteredPhoto:
-    """The second picture, resampled once, at the first's pixels; linear light [3, rows, columns] and what was full."""
+    """The second picture, resampled once, at the places of the first one's pixels.
+
+    Args:
+        first, second: linear light within 0 to 1, [3, rows, columns].
+        first_full, second_full: [rows, columns], pixels that were full.
+    """
     registration = registered(first, first_full, second, second_full, names[1])
     where, shape = registration.where, (first.shape[1], first.shape[2])
     taken = np.stack([where.taken(plane, shape, order=_ORDER) for plane in second])

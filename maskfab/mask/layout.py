@@ -125,7 +125,12 @@ _AT_ORIGIN = _GRID_XY + bytes(8) + _GRID_ENDEL
 
 @dataclass(frozen=True, eq=False)
 class CellArray:
-    """Cells in rows and columns, row 0 lowest, none mirrored, turned or scaled; origin of [0, 0] in the die's nm."""
+    """Cells in rows and columns, none mirrored, turned or scaled.
+
+    Attributes:
+        index: int64 [rows, columns] into ``cells``, row 0 lowest.
+        origin_nm: of the cell [0, 0], in coordinates of the die.
+    """
 
     cells: tuple[str, ...]
     index: Ints

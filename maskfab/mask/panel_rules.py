@@ -546,7 +546,12 @@ def _off_grid(
 
 @dataclass(frozen=True)
 class Narrowest:
-    """A width of clear or a space between clear edges; Euclidian, inf for none; ``place`` None if not asked for."""
+    """A width of what is clear, or a space between clear edges.
+
+    Attributes:
+        value_nm: Euclidian distance; inf where nothing faces anything.
+        place: hull of the two edges, in plate nanometres; None where it was not asked for, or there is none.
+    """
 
     value_nm: float
     place: Box | None = None

@@ -255,7 +255,11 @@ def written_corners(
 
 
 def configurations(clear: Mask) -> NDArray[np.uint8]:
-    """Which of four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; row 0 lowest, dark beyond the array."""
+    """Which of the four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; beyond the array all is dark.
+
+    Args:
+        clear: bool [..., ny, nx], row 0 lowest.
+    """
     sides = [(0, 0)] * (clear.ndim - 2) + [(1, 1), (1, 1)]
     dots = np.pad(clear.astype(np.uint8), sides)
     below, above = dots[..., :-1, :], dots[..., 1:, :]

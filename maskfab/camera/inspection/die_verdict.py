@@ -32,7 +32,12 @@ _VAGUE = 0.05
 
 @dataclass(frozen=True)
 class Promise:
-    """Of the job and its house: bias (clear features wider than drawn), and tolerance of widths, None if unstated."""
+    """Of the job and of the house that it names.
+
+    Attributes:
+        bias_um: by which clear features are wider than drawn, as [process] of the job states it.
+        ordered_um: tolerance of widths that [order.cd] of the job states; None where it does not.
+    """
 
     bias_um: float = 0.0
     shop: Shop | None = None

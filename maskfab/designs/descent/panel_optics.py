@@ -67,7 +67,12 @@ _FINE = 32
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where in a stop a unit's dots lie, intp [ny, nx], -1 in gutters, and its cells' orientations, int8."""
+    """Where in a stop the dots of a panel's unit lie.
+
+    Attributes:
+        place: intp [ny, nx], the unit's dot at every interval of the pupil; -1 in gutters.
+        turned: int8 [cells y, cells x], orientations of the pupil's cells.
+    """
 
     pupil: Pupil
     place: Indices
@@ -503,7 +508,12 @@ Weighted = tuple[tuple[torch.Tensor, torch.Tensor], ...]
 
 @dataclass(frozen=True, eq=False)
 class Modulation:
-    """The presampled MTF of a layout at one wavelength, by lags of all frequencies and the pixel's own transfer."""
+    """The presampled MTF of one layout behind one camera at one wavelength, a function of the unit's dots.
+
+    Attributes:
+        rows, columns: of the lags of all frequencies.
+        pixel: [rows, columns], the square pixel's own transfer.
+    """
 
     table: Autocorrelation | CellLags
     rows: Weighted

@@ -78,7 +78,7 @@ class PanelError(ABC):
 
     @abstractmethod
     def psnr(self, pupil: Floats) -> tuple[float, ...]:
-        """Expected restored PSNR in dB at each level, each with its best ε; the pupil of 0 and 1 as of :meth:`laid`."""
+        """Expected restored PSNR in dB at each level, each with its best ε; pupil [side, side] as of :meth:`laid`."""
 
     @abstractmethod
     def epsilons(self, pupil: Floats) -> tuple[float, ...]:

@@ -204,7 +204,11 @@ class Constraints:
         return frozenset(rule for rule, _ in self._broken(unit, quick=True))
 
     def broken_beside(self, units: Mask) -> str | None:
-        """First rule that openings which keep it themselves break side by side in any orientation; None if none."""
+        """Name of the first rule that openings which keep it among themselves break beside one another; None if none.
+
+        Args:
+            units: bool [units, dots, dots], any of which may be the neighbour of any, in the orientations used.
+        """
         judged = np.asarray(units, dtype=np.bool_)
         return next((r.name for r in self.rules if r.beside is not None and r.beside(self, judged)), None)
 

@@ -510,7 +510,12 @@ OF_THE_EYE = CENTROID.name, GRAIN.name, "grain", "delta_e"
 
 
 def most_beside(units: Mask, cells: Labels, dot_nm: int, rules: WireRules) -> Ints:
-    """Lines for every pixel at most, along x and along y, [units], beside units without gutter, some of each clear."""
+    """Lines for every pixel that can be laid along x and along y, at most, [units].
+
+    Args:
+        units: bool [units, dots, dots], some of each clear; cells have no gutter.
+        cells: orientations of the panel, [rows, columns].
+    """
     pieces = []
     for unit in units:
         labels, count = ndimage.label(unit, structure=_TOUCHING)

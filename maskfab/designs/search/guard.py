@@ -26,7 +26,7 @@ _MENDED = 200
 
 @dataclass(frozen=True, eq=False)
 class Guard:
-    """The lines of a display with wires in a map of one opening; they pass where all cells are laid alike."""
+    """The lines of a display in a map of one opening, bool [dots, dots]; they pass where all cells are laid alike."""
 
     display: Display
     unit: Mask

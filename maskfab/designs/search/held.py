@@ -103,7 +103,12 @@ def roomiest(shapes: Sequence[Candidate], rules: Constraints) -> list[Candidate]
 
 
 def straight_lines(units: Mask, dot_nm: int, rules: WireRules, *, turned: bool) -> Ints:
-    """The fewer of straight lines that pass along x or y, int64 [units], in all eight orientations if ``turned``."""
+    """Straight lines that pass beside openings along x and along y, the fewer of both; int64 [units].
+
+    Args:
+        units: bool [units, dots, dots], some of each clear.
+        turned: whether they must pass in all eight orientations.
+    """
     lane, dots = rules.line_nm + rules.space_nm, units.shape[1]
     seen = [np.asarray(units.any(axis=axis)) for axis in (1, 2)]
     if turned:

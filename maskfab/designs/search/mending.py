@@ -25,7 +25,7 @@ _KERNELS, _STRIPS = 3, 40
 
 
 def mended(unit: Mask, constraints: Constraints) -> Mask | None:
-    """An opening that keeps the constraints and has many dots in common with this unit; None if none is found."""
+    """An opening that keeps the constraints and shares many dots with a unit, bool [dots, dots]; None without any."""
     # Of a symmetry, an orbit is clear where most of it is.
     even = unit.copy().ravel()
     for orbit in constraints.orbits:
