@@ -185,8 +185,7 @@ class MeanDifference:
         return not abs(self.mean) > self.half_width
 
     def told(self, unit: str = "dB", digits: int = 2) -> str:
-        """In words: the mean with its sign, the interval if there is one, and whether it is a tie; both to the decimals
-        that the interval allows, and so many at most."""
+        """In words: mean with its sign, any interval, any tie, to decimals the interval allows, so many at most."""
         if math.isnan(self.half_width):
             return f"{self.mean:+z.{digits}f} {unit}".rstrip()
         shown = max(0, min(digits, decimals_of(self.half_width) if self.half_width else digits))

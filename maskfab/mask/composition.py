@@ -566,10 +566,7 @@ def _check_rooms(
 
 
 def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:
-    """The shortest clear run of any opening, as laid out; a dot where an opening has no run that ends.
-
-    At most 50 um, so that test figures of its multiples keep clear of each other.
-    """
+    """The shortest clear run of any opening as laid out (a dot if none ends), at most 50 um to keep figures apart."""
 
     def shortest(panel: Panel) -> int:
         run = min(smallest_runs(opening.mask, periodic=True).clear for opening in panel.openings)

@@ -464,10 +464,7 @@ Tone: TypeAlias = Literal["clear", "opaque"]
 
 
 def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, ...]:
-    """Every rule on the geometry of one die; nothing else lies within the rules' reach of it.
-
-    Places are those of the plate, counts those of the whole panel.
-    """
+    """Every rule on the geometry of one die, no other within reach; places of the plate, counts of the panel."""
     cells = PanelCells.of(die.panel)
     results: list[tuple[str, int, str, Found]] = []
     checks = distance_checks(rules)

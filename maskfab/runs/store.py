@@ -46,10 +46,7 @@ class _Sum(Protocol):
 
 
 def fingerprint(*values: object) -> str:
-    """Hexadecimal SHA-256 of values and of their types.
-
-    The order of a mapping counts: what is made of it may be in that order.
-    """
+    """Hexadecimal SHA-256 of values and types, in a mapping's order: what is made of it may keep that order."""
     total = hashlib.sha256()
     for value in values:
         _add(total, value)

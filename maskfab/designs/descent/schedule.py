@@ -225,10 +225,7 @@ def descend(
 
 
 def iterations_within(objective: Objective, penalty: AreaPenalty | None, how: Descent, seconds: float) -> int:
-    """Steps per start that this machine does in about so many seconds, measured on a few; at least one.
-
-    The count is what a result depends on: store it, and a run with as many iterations repeats it on any clock.
-    """
+    """Steps per start in about so many seconds, by a few; at least one. Stored, the count repeats on any clock."""
     run = _Run(objective, penalty, how)
     run.step()
     begun = time.perf_counter()

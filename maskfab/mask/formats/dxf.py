@@ -264,8 +264,7 @@ def _is_plain(entity: Entity, nm_per_unit: float) -> bool:
 
 
 def _is_shifted(entity: Entity, nm_per_unit: float) -> bool:
-    """Whether a block is neither turned nor scaled nor clipped, and steps of an array are whole nanometres: klayout
-    rounds one step, and adds that up."""
+    """Whether a block is shifted only, by whole nanometres along an array: klayout rounds one step, and adds it up."""
     if entity.says(_TILTING) or entity.says(frozenset({b"102"})) or entity.number(50) != 0:
         return False
     for step, count in ((44, 70), (45, 71)):

@@ -474,8 +474,7 @@ def smallest_nm(die: Die, enough_nm: float) -> float:
 
 
 def _lengths_nm(die: Die) -> tuple[int, int]:
-    """Lengths that pixels have to divide to follow every dot: a dot, and the distance from the panel's border to the
-    first."""
+    """Lengths that pixels have to divide to follow every dot: a dot, and the way from the border to the first."""
     return die.panel.dot_nm, die.panel.gutter_nm // 2
 
 

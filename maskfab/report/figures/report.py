@@ -90,8 +90,7 @@ def of_plate(
 
 
 def of_die(item: DieOptics, field_nm: int, peak: float) -> dict[str, str]:
-    """The figures of one die; ``field_nm`` is the side of its thumbnail and ``peak`` the brightest of all PSFs, the
-    same for all dies."""
+    """The figures of one die; ``field_nm`` is its thumbnail's side, ``peak`` the brightest PSF's, of all dies."""
     return {
         "opening": opening(item.die.panel.opening, item.die.panel.dot_nm).img(),
         "panel": panel_close_up(item.die.panel).img(),
