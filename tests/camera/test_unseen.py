@@ -285,3 +285,12 @@ def test_a_well_that_hides_a_dim_scene_is_still_full():
     record, _ = taken(scene, halo(4, 0.1), 16, Noise(20_000.0, 5.0), ceiling=0.2)
     found = Gradient(width=16).prepare(record, halo(4, 0.1))(0.01)
     assert found[record.clipped].min() > 0.15
+
+
+def test_a_product_of_spectra_is_that_of_their_pictures_however_they_lie():
+    rng = np.random.default_rng(1)
+    one, other = rng.standard_normal((2, 3, 6, 8), dtype=np.float32)
+    spectra = [np.fft.rfft2(each).astype(np.complex64) for each in (one, other)]
+    found = {least_squares._dot(spectra[0], lie(spectra[1])) for lie in (np.ascontiguousarray, np.asfortranarray)}
+    assert len(found) == 1
+    assert found.pop() == pytest.approx(48 * float(np.vdot(one, other)), rel=1e-5)

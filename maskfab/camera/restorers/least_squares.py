@@ -187,7 +187,7 @@ def spread(margin: Margin, light: Singles) -> Spectrum:
 
 def _dot(one: Spectrum, other: Spectrum) -> float:
     """Sum over all frequencies, of which half the columns are kept; those of an even number of columns."""
-    a, b = one.view(np.float32), other.view(np.float32)
+    a, b = (np.ascontiguousarray(each).view(np.float32) for each in (one, other))  # some lie column by column
     ends = sum(float(np.sum(a[..., k] * b[..., k], dtype=np.float64)) for k in (0, 1, -2, -1))
     return 2 * float(np.vdot(a, b)) - ends
 
