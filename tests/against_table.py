@@ -146,7 +146,7 @@ def same_masks(one: Path, other: Path) -> str:
     for folder in (one, other):
         layout = db.Layout()
         layout.read(str(next(folder.glob("*.gds"))))
-        drawn.append(db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0))))
+        drawn.append(db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0))).merged())
     report = json.loads((one / "report.json").read_text())
     half = max(die["cells"][0] * die["pitch_um"] for die in report["dies"]) * 500
     dies = db.Region(
@@ -175,6 +175,7 @@ def many_dies(count: int, aside: Path) -> Path:
     head = """
 [job]
 name = "MANY"
+title = "MANY DIES"
 [camera]
 focal = "2.5 mm"
 stop = { shape = "circle", diameter = "1 mm" }
