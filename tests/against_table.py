@@ -110,24 +110,15 @@ def spent(command: Sequence[str], cache: Path, at: Path) -> Spent:
     return Spent(wall, usage.ru_utime + usage.ru_stime, 1024.0 * usage.ru_maxrss)
 
 
-def took(build: Build, row: Row, rounds: int, aside: Path) -> Spent:
-    """The least of some rounds of a row, each with a cache of its own; the folder that it makes stays."""
-    best: Spent | None = None
-    for number in range(rounds):
-        cache, out = aside / f"cache-{build.name}-{number}", aside / f"out-{build.name}"
-
-        def run(arguments: Sequence[str], cache: Path = cache, out: Path = out) -> Spent:
+def took(build: Build, row: Row, aside: Path) -> Spent:
+    """One round of a row, with a cache of its own; the folder that it makes stays."""
+    out = aside / f"out-{build.name}"
+    with tempfile.TemporaryDirectory(dir=aside) as cache:
+        for arguments in filter(None, (row.before, row.command)):
             shutil.rmtree(out, ignore_errors=True)
             given = [argument.replace(OUT, str(out)) for argument in arguments]
-            return spent([str(build.bin / "maskfab"), *given], cache, HOME)
-
-        if row.before:
-            run(row.before)
-        found = run(row.command)
-        best = found if best is None else best.least(found)
-        shutil.rmtree(cache, ignore_errors=True)
-    assert best is not None
-    return best
+            found = spent([str(build.bin / "maskfab"), *given], Path(cache), HOME)
+    return found
 
 
 def psf_times(build: Build) -> tuple[float, float]:
@@ -243,9 +234,9 @@ def main() -> None:
                 continue
             builds = (now,) if row.ours else (then, now)
             # In turn, for the machine may change its pace.
-            found = {build.name: took(build, row, 1, aside) for build in builds}
+            found = {build.name: took(build, row, aside) for build in builds}
             for _ in range(given.rounds - 1):
-                found = {build.name: found[build.name].least(took(build, row, 1, aside)) for build in builds}
+                found = {build.name: found[build.name].least(took(build, row, aside)) for build in builds}
             said = "" if row.ours else row.check(aside / f"out-{then.name}", aside / "out-now")
             table.append((row.what, found.get(then.name), found["now"], row.target, said))
             print(_line(*table[-1]), flush=True)

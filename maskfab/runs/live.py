@@ -6,7 +6,9 @@ displays are still searched, optics are of the files; only the report has errors
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -25,6 +27,11 @@ from maskfab.base.work import Progress
 from maskfab.display.feasibility import Feasibility
 from maskfab.findings.photographs import Restored
 from maskfab.optics.metrics import auc_radial_min
+
+_EVERY_S = 0.5
+"""Between two writings of the page within a stage."""
+_MOST_TOLD = 60
+"""Dies of which each has lines of its own; the page has those of more."""
 
 
 class Live:
@@ -52,7 +59,7 @@ class Live:
 
             self._of_die, self._of_scene = die, scene
         self._progress, self._page, self._lock = progress, page, Lock()
-        self._stage, self._end = "", ""
+        self._stage, self._end, self._written_s = "", "", -math.inf
         self._dies: dict[str, tuple[list[str], list[str]]] = {}
 
     def __enter__(self) -> Live:
@@ -63,14 +70,14 @@ class Live:
     ) -> None:
         if error is not None:
             self._end = f"Stopped: {str(error) or 'from outside'}"
-            self._write()
+            self._write(now=True)
 
     def __call__(self, stage: str, done: int, total: int) -> None:
         """Where the work stands."""
         self._progress(stage, done, total)
         changed, self._stage = stage != self._stage, stage
         if changed:
-            self._write()
+            self._write(now=True)
 
     def laid_out(self, dies: Sequence[Die]) -> None:
         """Dies, before anything is found of them."""
@@ -109,19 +116,22 @@ class Live:
         if self._page is not None:
             at = os.path.relpath(folder / PAGE, self._page.parent)
             self._end = Markup('Complete: <a href="{}">the report</a>').format(quote(at))
-        self._write()
+        self._write(now=True)
 
     def _tell(self, name: str, words: str, *pictures: str) -> None:
         with self._lock:
             said, seen = self._dies.setdefault(name, ([], []))
             said.append(words)
             seen.extend(pictures)
-        self._progress(f"{name}: {words}", 0, 0)
+        if len(self._dies) <= _MOST_TOLD:
+            self._progress(f"{name}: {words}", 0, 0)
         self._write()
 
-    def _write(self) -> None:
-        if self._page is None:
+    def _write(self, *, now: bool = False) -> None:
+        # The page holds every die: to write it for each would take the square of their number.
+        if self._page is None or not (now or time.monotonic() - self._written_s > _EVERY_S):
             return
+        self._written_s = time.monotonic()
         from maskfab.report.pages.template import page_environment, style  # slow to load
 
         # Whoever moves the folder of the page does not end the run with it.

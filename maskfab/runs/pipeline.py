@@ -207,7 +207,7 @@ def origin_of_run(job: Job, measured: Beside | None) -> Origin:
 
 
 def _taken(
-    job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Progress, workers: Workers
+    job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Live, workers: Workers
 ) -> _Made | None:
     """The result of an earlier run, whose files are now in the folder and were read back from there; None if they are
     lost, damaged, or not what they were."""
@@ -220,6 +220,8 @@ def _taken(
     with _timed("read back", seconds), executor_of(job, cache, workers) as executor:
         # What is handed out is judged as it lies there, whoever wrote it.
         built = displays(job, executor=executor)
+        progress.laid_out(built.plate.dies)
+        progress.placed(built.displays)
         made = draw_files(job, built.plate, displays=built.displays)
         back = read_own(made, folder, progress, costs := Costs())
     kept: _Made = entry.value

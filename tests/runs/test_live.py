@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shutil
 
@@ -10,8 +11,9 @@ from small_job import write_job
 
 from maskfab.base.errors import OutputError
 from maskfab.base.work import silent
-from maskfab.runs import pipeline
+from maskfab.runs import live, pipeline
 from maskfab.runs.live import Live
+from maskfab.runs.store import Store
 
 pytestmark = pytest.mark.usefixtures("read_here")
 ONE_FILE = ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')
@@ -41,6 +43,27 @@ def test_dies_are_told_of_before_the_report_is_drawn(tmp_path):
     assert '<a href="out/report.html">' in last
     assert last.count("<img") == 4
     assert "worst MTF" in last
+
+
+def test_of_many_dies_the_page_alone_tells_and_is_not_written_for_each(tmp_path, monkeypatch):
+    monkeypatch.setattr(live, "_MOST_TOLD", 1)
+    monkeypatch.setattr(live, "_EVERY_S", math.inf)
+    written, write, told = [], live.write_text, []
+    monkeypatch.setattr(live, "write_text", lambda page, text: written.append(text) or write(page, text))
+    page = tmp_path / "live.html"
+    pipeline.run(write_job(tmp_path, ONE_FILE), tmp_path / "out", progress=lambda *step: told.append(step), live=page)
+    assert [stage for stage, _, total in told if not total] == []
+    assert len(written) <= 1 + len({stage for stage, *_ in told}) + 1
+    assert page.read_text().count("worst MTF") == 2
+
+
+def test_a_run_that_was_kept_shows_its_dies_too(tmp_path):
+    (tmp_path / "kept").mkdir(mode=0o700)
+    job, page, kept = write_job(tmp_path, ONE_FILE), tmp_path / "live.html", Store(tmp_path / "kept")
+    pipeline.run(job, tmp_path / "out", cache=kept)
+    again = pipeline.run(job, tmp_path / "again", cache=kept, live=page)
+    assert again.taken == (1, 1)
+    assert "30.6% clear, ring, random" in page.read_text()
 
 
 def test_a_run_that_fails_says_so_on_its_page(tmp_path, monkeypatch):
