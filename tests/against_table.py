@@ -276,8 +276,8 @@ def _draw(table: Sequence[tuple[str, Spent, Spent]], revision: str, path: Path) 
     axes.axvline(1, color="#7a828c", linewidth=0.8)
     axes.set_yticks(range(len(names)), names)
     axes.set_xlabel(f"time over that of {revision}")
-    axes.set_xlim(0, 1.15)
-    axes.legend(frameon=False, fontsize=8)
+    axes.margins(x=0.12)
+    figure.legend(loc="outside upper right", ncols=2, frameon=False, fontsize=8)
     figure.savefig(path, metadata={"Software": None}, dpi=130)
 
 
